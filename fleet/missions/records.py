@@ -1,0 +1,63 @@
+"""The log of one agent's mission: one line a visited state, durable before the next move.
+
+The log is the agent's memory. A workflow that was killed reads it and goes on; readers drop a torn last line and
+lines that were written twice.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+
+
+@dataclass(frozen=True)
+class Record:
+    """One visited state and the move that left it.
+
+    Args:
+        step: 0 in the take-off cell.
+        cell: The state.
+        row, column: The same in rows and columns of the context.
+        captured: Whether the state was sensed and mapped in this visit.
+        ssv: The state-space vector; empty when not captured.
+        legal: Bit i is set when SA could choose MOVES[i]; 0 when SA was not asked.
+        move: Index into MOVES, or -1 for landing.
+        action: The name of the move, or "Land".
+        time_s: Mission time on arrival in the state, in s.
+        uav_energy_j: Energy of the aircraft spent up to and including the capture here.
+    """
+
+    step: int
+    cell: int
+    row: int
+    column: int
+    captured: bool
+    ssv: tuple[float, ...]
+    legal: int
+    move: int
+    action: str
+    time_s: float
+    uav_energy_j: float
+
+    def to_line(self) -> bytes:
+        """The record as a line of JSON, with a line end on both sides so that a torn line before it stays alone."""
+        return b"\n" + json.dumps(asdict(self), separators=(",", ":")).encode() + b"\n"
+
+
+def read_log(data: bytes) -> tuple[Record, ...]:
+    """The records of a log in the order of their steps, each step once, up to the first step that is missing."""
+    found = {record.step: record for record in _parse(data.splitlines())}
+    records: list[Record] = []
+    while len(records) in found:
+        records.append(found[len(records)])
+    return tuple(records)
+
+
+def _parse(lines: Iterable[bytes]) -> Iterable[Record]:
+    for line in lines:
+        try:
+            fields = json.loads(line)
+            yield Record(**{**fields, "ssv": tuple(fields["ssv"])})
+        except (ValueError, TypeError, KeyError):  # a torn line: its writer died, and wrote the step again
+            continue
