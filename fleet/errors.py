@@ -41,14 +41,20 @@ class FleetError(Exception):
 
 @dataclass(frozen=True, order=True)
 class Problem:
-    """One thing that is wrong in a document: where, what, and what to write instead."""
+    """One thing that is wrong in a document: where, what, and what to write instead.
+
+    Args:
+        line: Line of the file, from 1; 0 when the document is not from a file.
+    """
 
     path: str
     message: str
     hint: str = ""
+    line: int = 0
 
     def __str__(self) -> str:
-        text = f"{self.path}: {self.message}" if self.path else self.message
+        where = f"line {self.line}: " if self.line else ""
+        text = f"{where}{self.path}: {self.message}" if self.path else f"{where}{self.message}"
         return f"{text}; {self.hint}" if self.hint else text
 
 
@@ -58,7 +64,7 @@ class SpecError(FleetError):
     exit_code = ExitCode.USAGE
 
     def __init__(self, problems: list[Problem], source: str = "") -> None:
-        self.problems = tuple(sorted(problems))
+        self.problems = tuple(sorted(problems, key=lambda problem: (problem.line, problem)))
         self.source = source
         super().__init__("\n".join(str(problem) for problem in self.problems))
 

@@ -1,0 +1,1 @@
+"""Which subsets of the agents retrain a model each, and how."""

@@ -1,0 +1,1 @@
+"""Contexts: completely explored places that agents learn from and fly over."""

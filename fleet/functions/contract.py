@@ -1,7 +1,7 @@
 """The two functions that a user writes, and what they take and give.
 
-    Map(D) -> SSV                             paper, section "Map() and Eval() Functions"
-    Eval(FS, metrics) -> finished, P, artefacts
+Map(D) -> SSV                             paper, section "Map() and Eval() Functions"
+Eval(FS, metrics) -> finished, P, artefacts
 """
 
 from __future__ import annotations

@@ -86,6 +86,7 @@ class RetrainingReport(Model):
     cpu_s: float = Field(description="Processor time spent, in s.")
     wall_s: float = Field(description="Time from start to end, in s.")
     energy_j: float = Field(description="Energy of the edge machine for it, by the edge profile.")
+    level: int = Field(0, description="Scheduling level that the aggregator ran at, 0..9.", ge=0, le=9)
 
 
 def judge(goals: tuple[Goal, ...], metrics: dict[str, float]) -> tuple[GoalResult, ...]:

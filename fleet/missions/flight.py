@@ -50,6 +50,19 @@ class Decision:
     move: int
 
 
+@dataclass(frozen=True)
+class Arrival:
+    """What there is to choose in the current state.
+
+    Args:
+        captured: Whether the state was captured in this visit.
+        legal: Bit i is set when SA may choose MOVES[i]; 0 when SA is not asked.
+    """
+
+    captured: bool
+    legal: int
+
+
 @dataclass
 class Flight:
     """State of one agent's mission; see the module's text.
@@ -94,31 +107,62 @@ class Flight:
         passing = self._target is not None and self._target != self.cell
         return has_data and self.cell not in self.captured and (self.layout.capture_in_transit or not passing)
 
-    def decide(self, scores: Callable[[], Sequence[float]], reward: float) -> Decision:
+    def decide(
+        self, scores: Callable[[], Sequence[float]], reward: float, finished: Callable[[], bool] | None = None
+    ) -> Decision:
         """Account for the current state, choose the move that leaves it, and make that move.
 
         Args:
             scores: Gives SA's score for each of MOVES in the current state; called only when SA is asked.
             reward: R of the transition into this state; counts when the state is captured now.
+            finished: Eval() of what the agent has captured; see `arrive`.
+        """
+        arrival = self.arrive(reward, finished)
+        return self.leave(arrival, self._choose(arrival.legal, scores()) if arrival.legal else LAND)
+
+    def arrive(self, reward: float, finished: Callable[[], bool] | None = None) -> Arrival:
+        """Account for the current state and leave its group when that is due; the first half of `decide`.
+
+        Args:
+            reward: As in `decide`.
+            finished: Eval() of what the agent has captured; asked once whenever the agent leaves a group and has
+                another one before it, and before SA is asked. True ends the flight in this state.
         """
         captured = self.wants_capture()
         if captured:
             self._account(reward)
         if self._target == self.cell:
             self._target = None
-        legal, move = 0, LAND
+        legal = 0
         if self._target is None:
-            legal, move = self._next(scores)
+            before = self.group
+            self._leave_groups()
+            over = self.group == self.layout.parts[self.agent][1]
+            if not over and self.group != before and finished is not None:
+                over = finished()
+            if not over:
+                legal = self._legal_moves()
+                self._target = None if legal else self._nearest_left(self.group)
+        return Arrival(captured, legal)
+
+    def leave(self, arrival: Arrival, choice: int) -> Decision:
+        """Make the move that leaves the current state; the second half of `decide`.
+
+        Args:
+            arrival: What `arrive` gave in this state.
+            choice: One of the legal moves; does not count when none is legal.
+        """
+        move = choice if arrival.legal else LAND
         if self._target is not None:
             move = self._towards(self._target)
-        decision = Decision(self.step, self.cell, captured, legal, move)
+        decision = Decision(self.step, self.cell, arrival.captured, arrival.legal, move)
         self.landed = move == LAND
         if not self.landed:
             self._move(move)
         return decision
 
     def land(self) -> None:
-        """End the flight here, because Eval() said that the mission is finished."""
+        """End the flight in the current state, for a reason that is outside of the mission."""
         self.landed = True
 
     def _account(self, reward: float) -> None:
@@ -128,39 +172,31 @@ class Flight:
         if self.step > 0:
             self.utility[group] = self.utility.get(group, 0.0) + reward
 
-    def _next(self, scores: Callable[[], Sequence[float]]) -> tuple[int, int]:
-        """Leave the group if that is due; then SA's choice, or a target to travel to, or landing."""
+    def _leave_groups(self) -> None:
         last = self.layout.parts[self.agent][1]
         while self.group < last and self._is_done(self.group):
             self.group += 1
-        if self.group == last:
-            return 0, LAND
-        legal = self._legal_moves()
-        if not legal:
-            self._target = self._nearest_left(self.group)
-            return 0, LAND
-        return sum(1 << move for move in legal), self._choose(legal, scores())
 
     def _is_done(self, group: int) -> bool:
-        if all(int(cell) in self.captured for cell in self.layout.groups[group]):
-            return True
-        return self.ha.moves_on(self.utility.get(group, 0.0), self.visited.get(group, 0))
+        visited = self.visited.get(group, 0)
+        return visited == len(self.layout.groups[group]) or self.ha.moves_on(self.utility.get(group, 0.0), visited)
 
-    def _legal_moves(self) -> list[int]:
-        if self.layout.group_of[self.cell] != self.group:
-            return []
-        legal = []
-        for move in self.layout.actions[self.agent]:
-            cell = self.layout.grid.neighbour(self.cell, MOVES[move])
-            if cell is not None and self.layout.group_of[cell] == self.group and cell not in self.captured:
-                legal.append(move)
-        return sorted(legal)
+    def _legal_moves(self) -> int:
+        """Moves within the group to states that are not captured, as bits."""
+        legal = 0
+        if self.layout.group_of[self.cell] == self.group:
+            for move in self.layout.actions[self.agent]:
+                cell = self.layout.grid.neighbour(self.cell, MOVES[move])
+                if cell is not None and self.layout.group_of[cell] == self.group and cell not in self.captured:
+                    legal |= 1 << move
+        return legal
 
-    def _choose(self, legal: list[int], scores: Sequence[float]) -> int:
+    def _choose(self, legal: int, scores: Sequence[float]) -> int:
         """The legal move of the highest score, the first of equals; now and then a random one."""
+        moves = [move for move in range(len(MOVES)) if legal >> move & 1]
         if self.exploration > 0 and self._uniform(_EXPLORE) < self.exploration:
-            return legal[draw(self.seed, self.mission, self.agent, self.step, _PICK) % len(legal)]
-        return max(legal, key=lambda move: (scores[move], -move))
+            return moves[draw(self.seed, self.mission, self.agent, self.step, _PICK) % len(moves)]
+        return max(moves, key=lambda move: (scores[move], -move))
 
     def _uniform(self, purpose: int) -> float:
         return uniform(self.seed, self.mission, self.agent, self.step, purpose)

@@ -65,7 +65,7 @@ def plan_layout(grid: Grid, space: StateSpace, agents: Sequence[AgentSpec]) -> L
         group_of[cells] = index
     parts = divide([len(cells) for cells in groups], len(agents))
     starts = tuple(_start(grid, agent, groups[first]) for agent, (first, _) in zip(agents, parts, strict=True))
-    actions = tuple(tuple(MOVES.index(action) for action in agent.actions or ()) for agent in agents)
+    actions = tuple(tuple(sorted({MOVES.index(action) for action in agent.actions or ()})) for agent in agents)
     return Layout(grid, groups, group_of, parts, starts, actions, space.capture_in_transit)
 
 

@@ -1,0 +1,1 @@
+"""FleetSpec, Mission and EdgeNode: models, validation, custom resource definitions, reference."""

@@ -4,22 +4,44 @@ from __future__ import annotations
 
 import re
 from decimal import Decimal
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, JsonValue
 from pydantic.alias_generators import to_camel
 
 GROUP = "fleetcomputer.io"
 VERSION = "v1alpha1"
-API_VERSION = f"{GROUP}/{VERSION}"
+API_VERSION: Literal["fleetcomputer.io/v1alpha1"] = "fleetcomputer.io/v1alpha1"
+
+
+MAX_SEED = 2**53 - 1
+"""The largest whole number that every JSON reader keeps exactly."""
+
+Schema = dict[str, JsonValue]
+"""A part of a JSON schema."""
 
 
 class Model(BaseModel):
-    """A part of a resource: immutable, camelCase outside, and no unknown fields."""
+    """A part of a resource: immutable, camelCase outside, no unknown fields, and no NaN."""
 
     model_config = ConfigDict(
-        alias_generator=to_camel, populate_by_name=True, extra="forbid", frozen=True, use_enum_values=False
+        alias_generator=to_camel,
+        populate_by_name=True,
+        extra="forbid",
+        frozen=True,
+        use_enum_values=False,
+        allow_inf_nan=False,
     )
+
+
+def named_list(key: str = "name") -> Schema:
+    """What a schema says of a list of objects of which no two have the same `key`."""
+    return {"x-kubernetes-list-type": "map", "x-kubernetes-list-map-keys": [key]}
+
+
+def distinct() -> Schema:
+    """What a schema says of a list without repeated values."""
+    return {"x-kubernetes-list-type": "set"}
 
 
 _SUFFIX: dict[str, Decimal] = {
@@ -31,6 +53,7 @@ QUANTITY_PATTERN = r"^[0-9]+(\.[0-9]+)?(m|k|M|G|T|Ki|Mi|Gi|Ti)?$"
 DURATION_PATTERN = r"^([0-9]+(\.[0-9]+)?(ms|s|m|h))+$"
 NAME_PATTERN = r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?$"
 FUNCTION_PATTERN = r"^[A-Za-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)*:[A-Za-z_][A-Za-z0-9_]*$"
+METRIC_PATTERN = r"^[a-z][a-z0-9_]*$"
 _SECONDS = {"ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0}
 
 
@@ -50,8 +73,10 @@ def duration_s(text: str) -> float:
 
 
 def _as_text(value: Any) -> Any:
-    """YAML reads `cpu: 2` as a number; a quantity is a text."""
-    return str(value) if isinstance(value, int | float) and not isinstance(value, bool) else value
+    """YAML reads `cpu: 2` as a number; a quantity is a text. Kubernetes takes whole numbers only."""
+    if isinstance(value, float):
+        raise ValueError(f"{value} is a number with a fraction; write it as a quantity: {value * 1000:.0f}m")  # noqa: TRY004 - pydantic wants ValueError
+    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
 def _check_quantity(text: str) -> str:
@@ -68,13 +93,18 @@ Quantity = Annotated[
     str,
     BeforeValidator(_as_text),
     AfterValidator(_check_quantity),
-    Field(json_schema_extra={"x-kubernetes-int-or-string": True, "pattern": QUANTITY_PATTERN}),
+    Field(max_length=32, json_schema_extra={"x-kubernetes-int-or-string": True, "pattern": QUANTITY_PATTERN}),
 ]
-Duration = Annotated[str, AfterValidator(_check_duration), Field(json_schema_extra={"pattern": DURATION_PATTERN})]
+Duration = Annotated[
+    str, AfterValidator(_check_duration), Field(max_length=32, json_schema_extra={"pattern": DURATION_PATTERN})
+]
 Name = Annotated[str, Field(pattern=NAME_PATTERN, min_length=1, max_length=40)]
 Identifier = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", min_length=1, max_length=63)]
 FunctionReference = Annotated[str, Field(pattern=FUNCTION_PATTERN, max_length=253)]
+MetricName = Annotated[str, Field(pattern=METRIC_PATTERN, min_length=1, max_length=63)]
+ProfileReference = Annotated[str, Field(min_length=1, max_length=253)]
 Uri = Annotated[str, Field(min_length=1, max_length=1024)]
+Seed = Annotated[int, Field(ge=0, le=MAX_SEED)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -83,15 +113,15 @@ NonNegative = Annotated[float, Field(ge=0)]
 class Amounts(Model):
     """CPU and memory, as Kubernetes writes them."""
 
-    cpu: Quantity | None = Field(None, description="CPU cores: `500m` is half a core.")
-    memory: Quantity | None = Field(None, description="Memory: `256Mi`.")
+    cpu: Quantity | None = Field(default=None, description="CPU cores: `500m` is half a core.")
+    memory: Quantity | None = Field(default=None, description="Memory: `256Mi`.")
 
 
 class Resources(Model):
     """What a container asks for, and what it may use at most (Kubernetes' own meaning)."""
 
-    requests: Amounts = Field(Amounts(), description="What the scheduler keeps free for the container.")
-    limits: Amounts = Field(Amounts(), description="What the container may use at most.")
+    requests: Amounts = Field(default=Amounts(), description="What the scheduler keeps free for the container.")
+    limits: Amounts = Field(default=Amounts(), description="What the container may use at most.")
 
 
 class Metadata(BaseModel):
@@ -99,7 +129,7 @@ class Metadata(BaseModel):
 
     model_config = ConfigDict(alias_generator=to_camel, populate_by_name=True, extra="allow", frozen=True)
 
-    name: Annotated[str, Field(pattern=NAME_PATTERN, min_length=1, max_length=40)]
+    name: Name
     namespace: str = "default"
     labels: dict[str, str] = {}
     annotations: dict[str, str] = {}
@@ -110,9 +140,12 @@ class Metadata(BaseModel):
 class Condition(Model):
     """A condition as Kubernetes' conventions have it."""
 
-    type: str = Field(description="What the condition is about, in CamelCase.")
+    type: str = Field(description="What the condition is about, in CamelCase.", min_length=1, max_length=63)
     status: str = Field(description="`True`, `False` or `Unknown`.", pattern="^(True|False|Unknown)$")
-    reason: str = Field("", description="One CamelCase word that a program can match.")
-    message: str = Field("", description="A sentence for people.")
-    observed_generation: int = Field(0, description="The metadata.generation that this condition speaks of.")
-    last_transition_time: str = Field("", description="When the status last changed, RFC 3339.")
+    reason: str = Field(default="", description="One CamelCase word that a program can match.", max_length=1024)
+    message: str = Field(default="", description="A sentence for people.", max_length=32768)
+    observed_generation: int = Field(default=0, description="The metadata.generation that this condition speaks of.")
+    last_transition_time: str = Field(default="", description="When the status last changed, RFC 3339.", max_length=64)
+
+
+Conditions = Annotated[tuple[Condition, ...], Field(max_length=32, json_schema_extra=named_list("type"))]

@@ -7,28 +7,45 @@ from typing import Annotated
 
 from pydantic import Field
 
-from fleet.spec.base import Duration, FunctionReference, Model, Name, Resources, Uri
+from fleet.spec.base import Duration, FunctionReference, Model, Name, Resources, Uri, distinct
 
 
 class FunctionSpec(Model):
     """A user function: a Python `module:function` beside the FleetSpec, or a container that serves the contract."""
 
-    function: FunctionReference | None = Field(None, description="Python function as `module:function`.")
-    image: str | None = Field(None, description="Container image that serves the HTTP contract.", min_length=1)
-    command: tuple[str, ...] = Field((), description="Command of the image, when not its own.")
-    timeout: Duration = Field("10s", description="A call that takes longer has failed.")
-    retries: int = Field(2, description="How often a failed call is tried again.", ge=0, le=20)
-    resources: Resources = Field(Resources(), description="CPU and memory of the function's container.")
+    function: FunctionReference | None = Field(default=None, description="Python function as `module:function`.")
+    image: str | None = Field(
+        default=None, description="Container image that serves the HTTP contract.", min_length=1, max_length=512
+    )
+    command: tuple[Annotated[str, Field(max_length=4096)], ...] = Field(
+        default=(), description="Command of the image, when not its own.", max_length=64
+    )
+    timeout: Duration = Field(default="10s", description="A call that takes longer has failed.")
+    retries: int = Field(default=2, description="How often a failed call is tried again.", ge=0, le=20)
+    resources: Resources = Field(default=Resources(), description="CPU and memory of the function's container.")
 
 
 class MapSpec(FunctionSpec):
     """Map(): sensor data to state-space vector."""
 
 
+class EvalChecks(StrEnum):
+    """When Eval() is asked."""
+
+    AT_END = "AtEnd"
+    AFTER_GROUP = "AfterGroup"
+
+
 class EvalSpec(FunctionSpec):
     """Eval(): feature space and metrics to evaluation."""
 
-    timeout: Duration = Field("60s", description="A call that takes longer has failed.")
+    checks: EvalChecks = Field(
+        default=EvalChecks.AT_END,
+        description="AtEnd: Eval() is asked when a mission ends. AfterGroup: an agent asks it also whenever it "
+        "leaves a state group, so that `finished` can end its flight early.",
+    )
+
+    timeout: Duration = Field(default="60s", description="A call that takes longer has failed.")
 
 
 class ContextUse(StrEnum):
@@ -42,8 +59,14 @@ class ContextUse(StrEnum):
 class ContextSpec(Model):
     """One context of C."""
 
-    name: Name = Field(description="Unique within the fleet.")
-    uri: Uri = Field(description="Where the context is: a folder beside the FleetSpec, or a storage address.")
-    use: Annotated[tuple[ContextUse, ...], Field(min_length=1)] = Field(
-        (ContextUse.SHAPING, ContextUse.TRAINING), description="What the context is for."
+    name: Name = Field(description="Unique within the fleet.", examples=["field-2018-09-16"])
+    uri: Uri = Field(
+        description="Where the context is: a folder beside the FleetSpec, or a storage address.",
+        examples=["contexts/2018-09-16"],
+    )
+    use: Annotated[tuple[ContextUse, ...], Field(min_length=1, max_length=3)] = Field(
+        default=(ContextUse.SHAPING, ContextUse.TRAINING),
+        description="What the context is for: Shaping finds reward and thresholds, Training trains SA, "
+        "Mission is flown over.",
+        json_schema_extra=distinct(),
     )

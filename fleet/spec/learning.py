@@ -6,7 +6,7 @@ from enum import StrEnum
 
 from pydantic import Field
 
-from fleet.spec.base import Fraction, Model, NonNegative, Positive, Uri
+from fleet.spec.base import Fraction, MetricName, Model, NonNegative, Positive, Uri
 
 
 class SAKind(StrEnum):
@@ -20,51 +20,66 @@ class SAKind(StrEnum):
 class SASpec(Model):
     """State-to-action model: which action in a state."""
 
-    kind: SAKind = Field(SAKind.Q_LEARNING, description="Model family; DQN and DDPG need the extra `deep`.")
-    pretrained: Uri | None = Field(None, description="Address of a saved model to start from; blank when left out.")
-    learning_rate: Fraction = Field(0.1, description="Alpha of the Bellman update.")
-    discount: Fraction = Field(0.9, description="Gamma of the Bellman update.")
-    exploration: Fraction = Field(0.2, description="Share of random moves while training.")
-    flight_exploration: Fraction = Field(0.0, description="Share of random moves in a flown mission.")
+    kind: SAKind = Field(default=SAKind.Q_LEARNING, description="Model family; DQN and DDPG need the extra `deep`.")
+    pretrained: Uri | None = Field(
+        default=None, description="Address of a saved model to start from; blank when left out."
+    )
+    learning_rate: Fraction = Field(default=0.1, description="Alpha of the Bellman update.")
+    discount: Fraction = Field(default=0.9, description="Gamma of the Bellman update.")
+    exploration: Fraction = Field(default=0.2, description="Share of random moves while training.")
+    flight_exploration: Fraction = Field(default=0.0, description="Share of random moves in a flown mission.")
 
 
 class HASpec(Model):
     """History-to-action model: when to leave a state group. Values given here are fixed; others are shaped."""
 
-    utility_threshold: NonNegative | None = Field(None, description="T_u; found by reward shaping when left out.")
-    visited_threshold: int | None = Field(None, description="T_v; found by reward shaping when left out.", ge=0)
+    utility_threshold: NonNegative | None = Field(
+        default=None, description="T_u; found by reward shaping when left out."
+    )
+    visited_threshold: int | None = Field(
+        default=None, description="T_v; found by reward shaping when left out.", ge=0, le=4096
+    )
 
 
 class RewardShaping(Model):
     """Bayesian optimisation of feature weights and HA thresholds over simulated missions."""
 
-    epochs: int = Field(48, description="Simulated parameter sets per period (numEpochs of the paper).", ge=1, le=10000)
-    periods: int = Field(1, description="How often shaping is repeated, each time from the last result.", ge=1, le=100)
-    batch: int = Field(4, description="Parameter sets that are simulated side by side.", ge=1, le=64)
-    missions: int = Field(256, description="Simulated missions that train SA for one parameter set.", ge=1, le=100000)
-    minimise: str = Field(
-        "uav_energy_j", description="Metric that decides among parameter sets that meet every goal."
+    epochs: int = Field(
+        default=48, description="Simulated parameter sets per period (numEpochs of the paper).", ge=1, le=10000
+    )
+    periods: int = Field(
+        default=1, description="How often shaping is repeated, each time from the last result.", ge=1, le=100
+    )
+    batch: int = Field(default=4, description="Parameter sets that are simulated side by side.", ge=1, le=64)
+    missions: int = Field(
+        default=256, description="Simulated missions that train SA for one parameter set.", ge=1, le=100000
+    )
+    minimise: MetricName = Field(
+        default="uav_energy_j", description="Metric that decides among parameter sets that meet every goal."
     )
     margin: NonNegative = Field(
-        0.02, description="How far each goal must be over-fulfilled on the shaping contexts, as a share of the goal."
+        default=0.02,
+        description="How far each goal must be over-fulfilled on the shaping contexts, as a share of the goal.",
     )
-    weights: dict[str, Fraction] = Field({}, description="Reward weights by feature that are given, not shaped.")
+    weights: dict[str, Fraction] = Field(
+        default={}, description="Reward weights by feature that are given, not shaped.", max_length=128
+    )
 
 
 class Training(Model):
     """First training of SA, after shaping."""
 
-    epochs: int = Field(4, description="Candidate models per period; the best is kept.", ge=1, le=1000)
-    periods: int = Field(1, description="Retraining periods, each from the best model so far.", ge=1, le=100)
-    missions: int = Field(1024, description="Simulated missions per candidate.", ge=1, le=1000000)
+    epochs: int = Field(default=4, description="Candidate models per period; the best is kept.", ge=1, le=1000)
+    periods: int = Field(default=1, description="Retraining periods, each from the best model so far.", ge=1, le=100)
+    missions: int = Field(default=1024, description="Simulated missions per candidate.", ge=1, le=1000000)
 
 
 class Retraining(Model):
     """Retraining after a mission, by aggregators."""
 
-    epochs: int = Field(8, description="Passes over the subset's records.", ge=1, le=1000)
-    learning_rate: Fraction = Field(0.05, description="Alpha of the update from records.")
-    every: int = Field(1, description="Retrain after every so many missions.", ge=1)
+    epochs: int = Field(default=8, description="Passes over the subset's records.", ge=1, le=1000)
+    learning_rate: Fraction = Field(default=0.05, description="Alpha of the update from records.")
+    every: int = Field(default=1, description="Retrain after every so many missions.", ge=1, le=10000)
 
 
 class WeightLearner(StrEnum):
@@ -77,14 +92,14 @@ class WeightLearner(StrEnum):
 class OnlineLearning(Model):
     """Learning between missions."""
 
-    retraining: Retraining = Field(Retraining(), description="How aggregators retrain.")
+    retraining: Retraining = Field(default=Retraining(), description="How aggregators retrain.")
     weights: WeightLearner = Field(
-        WeightLearner.EXPECTED_IMPROVEMENT, description="How each agent's weights over the models are found."
+        default=WeightLearner.EXPECTED_IMPROVEMENT, description="How each agent's weights over the models are found."
     )
     replays: int = Field(
-        16, description="Replays of the mission's own records as cheaper observations of the weights; 0 for none.",
+        default=16, description="Replays of the mission's own records as cheaper observations of the weights; 0 for none.",
         ge=0, le=1024,
     )  # fmt: skip
     replay_noise: Positive = Field(
-        2.0, description="Standard deviation of a replay's noise, as a multiple of a mission's."
+        default=2.0, description="Standard deviation of a replay's noise, as a multiple of a mission's."
     )

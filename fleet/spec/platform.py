@@ -6,7 +6,17 @@ from enum import StrEnum
 
 from pydantic import Field
 
-from fleet.spec.base import Duration, Fraction, FunctionReference, Model, Quantity, Resources, Uri
+from fleet.spec.base import (
+    Duration,
+    Fraction,
+    FunctionReference,
+    Model,
+    ProfileReference,
+    Quantity,
+    Resources,
+    Seed,
+    Uri,
+)
 
 
 class AggregationKind(StrEnum):
@@ -21,21 +31,24 @@ class AggregationKind(StrEnum):
 class Pruning(Model):
     """When a model is no longer retrained."""
 
-    below: Fraction = Field(0.0, description="Usefulness under which a model is pruned; 0 prunes nothing.")
-    after: int = Field(2, description="Missions in a row under the threshold before a model is pruned.", ge=1)
+    below: Fraction = Field(default=0.0, description="Usefulness under which a model is pruned; 0 prunes nothing.")
+    after: int = Field(
+        default=2, description="Missions in a row under the threshold before a model is pruned.", ge=1, le=10000
+    )
 
 
 class Aggregation(Model):
     """Which subsets of the agents' data retrain a model each."""
 
     kind: AggregationKind | None = Field(
-        None, description="Powerset (default up to 8 agents), a heuristic (EachAndAll is the default above), or Custom."
+        default=None,
+        description="Powerset (default up to 8 agents), a heuristic (EachAndAll is the default above), or Custom.",
     )
     function: FunctionReference | None = Field(
-        None, description="For Custom: `module:function` from the agents' names to a list of lists of names."
+        default=None, description="For Custom: `module:function` from the agents' names to a list of lists of names."
     )
-    pruning: Pruning = Field(Pruning(), description="When a model is no longer retrained.")
-    resources: Resources = Field(Resources(), description="CPU and memory of an aggregator.")
+    pruning: Pruning = Field(default=Pruning(), description="When a model is no longer retrained.")
+    resources: Resources = Field(default=Resources(), description="CPU and memory of an aggregator.")
 
 
 class UsefulnessScale(StrEnum):
@@ -49,10 +62,12 @@ class Scheduling(Model):
     """Priority and shares by usefulness."""
 
     usefulness: UsefulnessScale | None = Field(
-        None, description="Absolute is the paper's; Relative (default above 4 agents) divides by the largest."
+        default=None, description="Absolute is the paper's; Relative (default above 4 agents) divides by the largest."
     )
-    cpu: Quantity | None = Field(None, description="CPU that all aggregators share; all that is allocatable when left out.")
-    memory: Quantity | None = Field(None, description="Memory that all aggregators share.")
+    cpu: Quantity | None = Field(
+        default=None, description="CPU that all aggregators share; all that is allocatable when left out."
+    )
+    memory: Quantity | None = Field(default=None, description="Memory that all aggregators share.")
 
 
 class DeletionPolicy(StrEnum):
@@ -65,10 +80,10 @@ class DeletionPolicy(StrEnum):
 class StorageSpec(Model):
     """Where observations, models and evaluations are kept."""
 
-    uri: Uri | None = Field(None, description="Address of the storage; the platform's own when left out.")
-    replication: int = Field(2, description="Copies of each object, where the storage replicates.", ge=1, le=10)
+    uri: Uri | None = Field(default=None, description="Address of the storage; the platform's own when left out.")
+    replication: int = Field(default=2, description="Copies of each object, where the storage replicates.", ge=1, le=10)
     on_delete: DeletionPolicy = Field(
-        DeletionPolicy.RETAIN, description="What happens to the data when the FleetSpec is deleted."
+        default=DeletionPolicy.RETAIN, description="What happens to the data when the FleetSpec is deleted."
     )
 
 
@@ -82,24 +97,34 @@ class ClockMode(StrEnum):
 class MissionPlan(Model):
     """How many missions, and when."""
 
-    count: int = Field(1, description="Number of missions.", ge=1, le=10000)
-    interval: Duration = Field("0s", description="Time from the end of a mission to the start of the next.")
+    count: int = Field(default=1, description="Number of missions.", ge=1, le=10000)
+    interval: Duration = Field(default="0s", description="Time from the end of a mission to the start of the next.")
     clock: ClockMode = Field(
-        ClockMode.ACCELERATED, description="Accelerated: replayed actions take no time, but are accounted in full."
+        default=ClockMode.ACCELERATED,
+        description="Accelerated: replayed actions take no time, but are accounted in full.",
     )
-    seed: int = Field(0, description="Seed of everything that is random.", ge=0)
-    agent_retries: int = Field(20, description="How often a role of a mission is started again.", ge=0, le=1000)
+    seed: Seed = Field(default=0, description="Seed of everything that is random.")
+    agent_retries: int = Field(default=20, description="How often a role of a mission is started again.", ge=0, le=1000)
+
+
+class Deciding(StrEnum):
+    """What an agent does while Map() and SA run."""
+
+    WHILE_MOVING = "WhileMoving"
+    HOVERING = "Hovering"
 
 
 class WorkflowSpec(Model):
     """The AS workflow and sensor of each agent, and the trainer."""
 
-    resources: Resources = Field(Resources(), description="CPU and memory of an AS workflow.")
-    sensor_resources: Resources = Field(Resources(), description="CPU and memory of a sensor.")
-    trainer_resources: Resources = Field(Resources(), description="CPU and memory of the trainer.")
-    edge_profile: str = Field(
-        "laptop-i5", description="Energy and time of edge tasks: a built-in profile, or a file's path and `#name`."
+    resources: Resources = Field(default=Resources(), description="CPU and memory of an AS workflow.")
+    sensor_resources: Resources = Field(default=Resources(), description="CPU and memory of a sensor.")
+    trainer_resources: Resources = Field(default=Resources(), description="CPU and memory of the trainer.")
+    edge_profile: ProfileReference = Field(
+        default="laptop-i5",
+        description="Energy and time of edge tasks: a built-in profile, or a file's path and `#name`.",
     )
-    decide: str = Field(
-        "WhileMoving", description="Whether an agent hovers while it decides.", pattern="^(WhileMoving|Hovering)$"
+    decide: Deciding = Field(
+        default=Deciding.WHILE_MOVING,
+        description="Whether an agent flies on while it decides, or hovers (costs energy).",
     )

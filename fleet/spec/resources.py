@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from fleet.spec.base import API_VERSION, Condition, Duration, Metadata, Model, Name
+from fleet.spec.base import API_VERSION, Conditions, Duration, Metadata, Model, Name, Seed, named_list
 from fleet.spec.functions import ContextSpec, ContextUse, EvalSpec, MapSpec
 from fleet.spec.learning import HASpec, OnlineLearning, RewardShaping, SASpec, Training
 from fleet.spec.platform import (
@@ -21,6 +21,9 @@ from fleet.spec.platform import (
 )
 from fleet.spec.swarm import Agents, Goal, StateSpace
 
+MAC_PATTERN = r"^([0-9A-Fa-f]{2}:){5}[0-9A-Fa-f]{2}$"
+IPV4_PATTERN = r"^((25[0-5]|2[0-4][0-9]|1[0-9]{2}|[1-9]?[0-9])(\.|$)){4}$"
+
 POWERSET_LIMIT = 8
 ABSOLUTE_LIMIT = 4
 
@@ -28,23 +31,39 @@ ABSOLUTE_LIMIT = 4
 class Fleet(Model):
     """`spec` of a FleetSpec: (N, S, A, Map, Eval, C) and goals of the paper, and how the platform runs them."""
 
-    agents: Agents = Field(Agents(count=1), description="N and A: the agents and their actions.")
-    state_space: StateSpace = Field(description="S: the states and their groups.")
-    map: MapSpec = Field(description="Map(): sensor data to state-space vector.")
-    eval: EvalSpec = Field(description="Eval(): how far the mission is.")
-    contexts: tuple[ContextSpec, ...] = Field(description="C: contexts to learn from and to fly over.", min_length=1)
-    goals: tuple[Goal, ...] = Field(description="G: what a mission must reach.", min_length=1)
-    sa: SASpec = Field(SASpec(), description="State-to-action model.")
-    ha: HASpec = Field(HASpec(), description="History-to-action model.")
-    reward_shaping: RewardShaping = Field(RewardShaping(), description="How reward and thresholds are found.")
-    training: Training = Field(Training(), description="How SA is first trained.")
-    online_learning: OnlineLearning = Field(OnlineLearning(), description="How models are retrained and weighed.")
-    aggregation: Aggregation = Field(Aggregation(), description="Which subsets of agents retrain a model each.")
-    scheduling: Scheduling = Field(Scheduling(), description="Priority and shares by usefulness.")
-    storage: StorageSpec = Field(StorageSpec(), description="Where data is kept.")
-    missions: MissionPlan = Field(MissionPlan(), description="How many missions, and when.")
-    workflow: WorkflowSpec = Field(WorkflowSpec(), description="Resources and edge profile of the roles.")
-    suspend: bool = Field(False, description="True stops new missions; a running one ends.")
+    agents: Agents = Field(default=Agents(count=1), description="N and A: the agents and their actions.")
+    state_space: StateSpace = Field(description="S: the states and their groups.", examples=["{context: my-field}"])
+    map: MapSpec = Field(
+        description="Map(): sensor data to state-space vector.", examples=["{function: my_module:map_observation}"]
+    )
+    eval: EvalSpec = Field(description="Eval(): how far the mission is.", examples=["{function: my_module:evaluate}"])
+    contexts: tuple[ContextSpec, ...] = Field(
+        description="C: contexts to learn from and to fly over.",
+        min_length=1,
+        max_length=64,
+        json_schema_extra=named_list(),
+        examples=["[{name: my-field, uri: contexts/my-field, use: [Mission]}]"],
+    )
+    goals: tuple[Goal, ...] = Field(
+        description="G: what a mission must reach.",
+        min_length=1,
+        max_length=32,
+        json_schema_extra=named_list("metric"),
+        examples=["[{metric: accuracy, atLeast: 0.7}]"],
+    )
+    sa: SASpec = Field(default=SASpec(), description="State-to-action model.")
+    ha: HASpec = Field(default=HASpec(), description="History-to-action model.")
+    reward_shaping: RewardShaping = Field(default=RewardShaping(), description="How reward and thresholds are found.")
+    training: Training = Field(default=Training(), description="How SA is first trained.")
+    online_learning: OnlineLearning = Field(
+        default=OnlineLearning(), description="How models are retrained and weighed."
+    )
+    aggregation: Aggregation = Field(default=Aggregation(), description="Which subsets of agents retrain a model each.")
+    scheduling: Scheduling = Field(default=Scheduling(), description="Priority and shares by usefulness.")
+    storage: StorageSpec = Field(default=StorageSpec(), description="Where data is kept.")
+    missions: MissionPlan = Field(default=MissionPlan(), description="How many missions, and when.")
+    workflow: WorkflowSpec = Field(default=WorkflowSpec(), description="Resources and edge profile of the roles.")
+    suspend: bool = Field(default=False, description="True stops new missions; a running one ends.")
 
     @property
     def aggregation_kind(self) -> AggregationKind:
@@ -72,14 +91,14 @@ class Fleet(Model):
 class FleetStatus(Model):
     """Observed state of a fleet."""
 
-    observed_generation: int = Field(0, description="The metadata.generation that this status speaks of.")
-    phase: str = Field("", description="One word for people; programs read the conditions.")
-    missions_flown: int = Field(0, description="Missions that have ended.")
-    coverage: str = Field("", description="Share of states visited in the last mission.")
-    accuracy: str = Field("", description="Accuracy of the last mission.")
-    goals_met: str = Field("", description="Goals met in the last mission, as met/all.")
-    storage_uri: str = Field("", description="Where the data is.")
-    conditions: tuple[Condition, ...] = Field((), description="Conditions, one of each type.")
+    observed_generation: int = Field(default=0, description="The metadata.generation that this status speaks of.")
+    phase: str = Field(default="", description="One word for people; programs read the conditions.")
+    missions_flown: int = Field(default=0, description="Missions that have ended.")
+    coverage: str = Field(default="", description="Share of states visited in the last mission.")
+    accuracy: str = Field(default="", description="Accuracy of the last mission.")
+    goals_met: str = Field(default="", description="Goals met in the last mission, as met/all.")
+    storage_uri: str = Field(default="", description="Where the data is.")
+    conditions: Conditions = Field(default=(), description="Conditions, one of each type.")
 
 
 class FleetSpec(Model):
@@ -87,8 +106,8 @@ class FleetSpec(Model):
 
     api_version: Literal["fleetcomputer.io/v1alpha1"] = API_VERSION
     kind: Literal["FleetSpec"] = "FleetSpec"
-    metadata: Metadata
-    spec: Fleet
+    metadata: Metadata = Field(description="Kubernetes' own.", examples=["{name: my-fleet}"])
+    spec: Fleet = Field(description="What to fly, what to learn from, and what to reach.", examples=["..."])
     status: FleetStatus | None = None
 
     @property
@@ -100,31 +119,33 @@ class FleetSpec(Model):
 class MissionSpec(Model):
     """`spec` of a Mission: one execution; never changes."""
 
-    fleet: Name = Field(description="Name of the FleetSpec.")
-    number: int = Field(description="1 for the first mission of the fleet.", ge=1)
-    context: Name = Field(description="The context that is flown over.")
-    seed: int = Field(0, description="Seed of everything random in the mission.", ge=0)
+    fleet: Name = Field(description="Name of the FleetSpec.", examples=["crop-scouting"])
+    number: int = Field(description="1 for the first mission of the fleet.", ge=1, le=10000, examples=[1])
+    context: Name = Field(description="The context that is flown over.", examples=["field-2018-09-16"])
+    seed: Seed = Field(default=0, description="Seed of everything random in the mission.")
 
 
 class AgentProgress(Model):
     """How far one agent is."""
 
-    name: str = Field(description="Name of the agent.")
-    phase: str = Field("", description="Pending, Flying, Landed or Failed.")
-    steps: int = Field(0, description="States visited.")
-    message: str = Field("", description="Why it failed, when it did.")
+    name: Name = Field(description="Name of the agent.")
+    phase: str = Field(default="", description="Pending, Flying, Landed or Failed.")
+    steps: int = Field(default=0, description="States visited.")
+    message: str = Field(default="", description="Why it failed, when it did.")
 
 
 class MissionStatus(Model):
     """Observed state of a mission."""
 
-    observed_generation: int = Field(0, description="The metadata.generation that this status speaks of.")
-    phase: str = Field("", description="Pending, Flying, Retraining, Succeeded or Failed.")
-    agents: tuple[AgentProgress, ...] = Field((), description="How far each agent is.")
-    evaluation: dict[str, float] = Field({}, description="Metrics of Eval().")
-    goals_met: bool = Field(False, description="Whether every goal was met.")
-    records_uri: str = Field("", description="Where the records are.")
-    conditions: tuple[Condition, ...] = Field((), description="Conditions, one of each type.")
+    observed_generation: int = Field(default=0, description="The metadata.generation that this status speaks of.")
+    phase: str = Field(default="", description="Pending, Flying, Retraining, Succeeded or Failed.")
+    agents: tuple[AgentProgress, ...] = Field(
+        default=(), description="How far each agent is.", max_length=1000, json_schema_extra=named_list()
+    )
+    evaluation: dict[str, float] = Field(default={}, description="Metrics of Eval().", max_length=256)
+    goals_met: bool = Field(default=False, description="Whether every goal was met.")
+    records_uri: str = Field(default="", description="Where the records are.")
+    conditions: Conditions = Field(default=(), description="Conditions, one of each type.")
 
 
 class Mission(Model):
@@ -132,8 +153,8 @@ class Mission(Model):
 
     api_version: Literal["fleetcomputer.io/v1alpha1"] = API_VERSION
     kind: Literal["Mission"] = "Mission"
-    metadata: Metadata
-    spec: MissionSpec
+    metadata: Metadata = Field(description="Kubernetes' own.", examples=["{name: my-name}"])
+    spec: MissionSpec = Field(description="One execution; never changes.", examples=["..."])
     status: MissionStatus | None = None
 
 
@@ -147,25 +168,35 @@ class NodeRole(StrEnum):
 class EdgeNodeSpec(Model):
     """`spec` of an EdgeNode: a machine that may be powered down."""
 
-    node: str = Field(description="Name of the Kubernetes node.", min_length=1, max_length=253)
-    mac: str = Field(description="MAC address for Wake-on-LAN.", pattern=r"^([0-9A-Fa-f]{2}:){5}[0-9A-Fa-f]{2}$")
+    node: str = Field(
+        description="Name of the Kubernetes node.",
+        pattern=r"^[a-z0-9]([-.a-z0-9]*[a-z0-9])?$",
+        min_length=1,
+        max_length=253,
+        examples=["hub-1"],
+    )
+    mac: str = Field(
+        description="MAC address for Wake-on-LAN.", pattern=MAC_PATTERN, max_length=17, examples=["00:1a:2b:3c:4d:5e"]
+    )
     broadcast: str = Field(
-        "255.255.255.255", description="Address that the Wake-on-LAN packet is sent to.",
-        pattern=r"^([0-9]{1,3}\.){3}[0-9]{1,3}$",
-    )  # fmt: skip
-    role: NodeRole = Field(NodeRole.GATEWAY, description="Gateway of an agent, or part of the hub.")
-    boot_time: Duration = Field("60s", description="Time from the packet to Ready.")
-    idle_watts: float = Field(10.0, description="Power when idle, in W.", ge=0)
-    busy_watts: float = Field(40.0, description="Power when busy, in W.", ge=0)
-    may_power_off: bool = Field(True, description="Whether the autoscaler may power the machine off.")
+        default="255.255.255.255",
+        description="Address that the Wake-on-LAN packet is sent to.",
+        pattern=IPV4_PATTERN,
+        max_length=15,
+    )
+    role: NodeRole = Field(default=NodeRole.GATEWAY, description="Gateway of an agent, or part of the hub.")
+    boot_time: Duration = Field(default="60s", description="Time from the packet to Ready.")
+    idle_watts: float = Field(default=10.0, description="Power when idle, in W.", ge=0)
+    busy_watts: float = Field(default=40.0, description="Power when busy, in W.", ge=0)
+    may_power_off: bool = Field(default=True, description="Whether the autoscaler may power the machine off.")
 
 
 class EdgeNodeStatus(Model):
     """Observed state of a machine."""
 
-    observed_generation: int = Field(0, description="The metadata.generation that this status speaks of.")
-    power: str = Field("", description="State of the power state machine.")
-    conditions: tuple[Condition, ...] = Field((), description="Conditions, one of each type.")
+    observed_generation: int = Field(default=0, description="The metadata.generation that this status speaks of.")
+    power: str = Field(default="", description="State of the power state machine.")
+    conditions: Conditions = Field(default=(), description="Conditions, one of each type.")
 
 
 class EdgeNode(Model):
@@ -173,6 +204,6 @@ class EdgeNode(Model):
 
     api_version: Literal["fleetcomputer.io/v1alpha1"] = API_VERSION
     kind: Literal["EdgeNode"] = "EdgeNode"
-    metadata: Metadata
-    spec: EdgeNodeSpec
+    metadata: Metadata = Field(description="Kubernetes' own.", examples=["{name: my-name}"])
+    spec: EdgeNodeSpec = Field(description="The machine.", examples=["..."])
     status: EdgeNodeStatus | None = None

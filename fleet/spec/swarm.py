@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import StrEnum
 from typing import Annotated
 
 from pydantic import Field
 
-from fleet.spec.base import Model, Name, Positive
+from fleet.spec.base import MetricName, Model, Name, Positive, ProfileReference, distinct, named_list
 
 
 class Action(StrEnum):
@@ -43,38 +44,58 @@ class Capability(StrEnum):
     GIMBAL = "Gimbal"
 
 
+CAPABILITIES: Mapping[DriverName, frozenset[Capability]] = {
+    DriverName.REPLAY: frozenset(
+        {Capability.TAKE_OFF, Capability.LAND, Capability.MOVE, Capability.WAYPOINT, Capability.CAPTURE}
+    ),
+}
+"""What each action driver can do."""
+
+Actions = Annotated[tuple[Action, ...], Field(min_length=1, max_length=8)]
+
+
 class Start(Model):
     """The state in which an agent takes off, in rows and columns of the context's source."""
 
-    row: int = Field(description="Row of the take-off cell.", ge=0)
-    column: int = Field(description="Column of the take-off cell.", ge=0)
+    row: int = Field(description="Row of the take-off cell.", ge=0, le=1_000_000, examples=[0])
+    column: int = Field(description="Column of the take-off cell.", ge=0, le=1_000_000, examples=[0])
 
 
 class AgentSpec(Model):
     """One agent; what is left out is as in `agents`."""
 
-    name: Name = Field(description="Unique within the fleet; part of the names of its pods.")
-    driver: DriverName | None = Field(None, description="Action driver of this agent.")
-    actions: Annotated[tuple[Action, ...], Field(min_length=1)] | None = Field(
-        None, description="Actions of this agent: A_i of the paper."
+    name: Name = Field(description="Unique within the fleet; part of the names of its pods.", examples=["scout"])
+    driver: DriverName | None = Field(default=None, description="Action driver of this agent.")
+    actions: Actions | None = Field(
+        default=None, description="Actions of this agent: A_i of the paper.", json_schema_extra=distinct()
     )
-    start: Start | None = Field(None, description="Take-off cell; the first cell of its part when left out.")
+    start: Start | None = Field(default=None, description="Take-off cell; the first cell of its part when left out.")
 
 
 class Agents(Model):
     """N and A: how many agents, and what each can do. Give `count`, or `members` when they differ."""
 
-    count: int | None = Field(None, description="Number of equal agents, named agent-1, agent-2, ...", ge=1, le=1000)
-    members: tuple[AgentSpec, ...] = Field((), description="The agents one by one, when they differ.", max_length=1000)
-    driver: DriverName = Field(DriverName.REPLAY, description="Action driver of every agent that names none.")
-    actions: Annotated[tuple[Action, ...], Field(min_length=1)] = Field(
-        CARDINAL, description="Actions of every agent that names none."
+    count: int | None = Field(
+        default=None, description="Number of equal agents, named agent-1, agent-2, ...", ge=1, le=1000
+    )
+    members: tuple[AgentSpec, ...] = Field(
+        default=(),
+        description="The agents one by one, when they differ.",
+        max_length=1000,
+        json_schema_extra=named_list(),
+    )
+    driver: DriverName = Field(default=DriverName.REPLAY, description="Action driver of every agent that names none.")
+    actions: Actions = Field(
+        default=CARDINAL, description="Actions of every agent that names none.", json_schema_extra=distinct()
     )
     requires: tuple[Capability, ...] = Field(
-        (), description="What the action driver must be able to do (qualitative requirements)."
+        default=(),
+        description="What the action driver must be able to do (qualitative requirements).",
+        max_length=16,
+        json_schema_extra=distinct(),
     )
-    energy_profile: str = Field(
-        "spark-survey",
+    energy_profile: ProfileReference = Field(
+        default="spark-survey",
         description="Energy and time of the agents' actions: a built-in profile, or a file's path and `#name`.",
     )
 
@@ -102,25 +123,25 @@ class GroupOrder(StrEnum):
 class Groups(Model):
     """State groups: blocks of neighbouring states within which SA chooses and HA decides when to leave."""
 
-    rows: int = Field(3, description="Rows of states in a group.", ge=1, le=64)
-    columns: int = Field(3, description="Columns of states in a group.", ge=1, le=64)
-    order: GroupOrder = Field(GroupOrder.SERPENTINE, description="Order in which groups are visited.")
+    rows: int = Field(default=3, description="Rows of states in a group.", ge=1, le=64)
+    columns: int = Field(default=3, description="Columns of states in a group.", ge=1, le=64)
+    order: GroupOrder = Field(default=GroupOrder.SERPENTINE, description="Order in which groups are visited.")
 
 
 class StateSpace(Model):
     """S: the context whose states the missions move through, and how states form groups."""
 
-    context: Name = Field(description="Name of the context that missions fly over.")
-    groups: Groups = Field(Groups(), description="How states form groups.")
+    context: Name = Field(description="Name of the context that missions fly over.", examples=["field-2018-09-16"])
+    groups: Groups = Field(default=Groups(), description="How states form groups.")
     capture_in_transit: bool = Field(
-        True, description="Whether states that are passed on the way to the next group are captured too."
+        default=True, description="Whether states that are passed on the way to the next group are captured too."
     )
 
 
 class Goal(Model):
     """One goal: a metric of Eval() and the value that it must reach or must not pass."""
 
-    metric: str = Field(description="Name of a metric that Eval() returns.", pattern=r"^[a-z][a-z0-9_]*$")
-    at_least: float | None = Field(None, description="The metric must reach this value.")
-    at_most: float | None = Field(None, description="The metric must not pass this value.")
-    weight: Positive = Field(1.0, description="How much a miss counts against a miss of another goal.")
+    metric: MetricName = Field(description="Name of a metric that Eval() returns.", examples=["accuracy"])
+    at_least: float | None = Field(default=None, description="The metric must reach this value.")
+    at_most: float | None = Field(default=None, description="The metric must not pass this value.")
+    weight: Positive = Field(default=1.0, description="How much a miss counts against a miss of another goal.")

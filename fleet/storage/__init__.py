@@ -1,0 +1,1 @@
+"""Objects of a fleet: a port, and the backends behind it."""

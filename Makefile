@@ -1,0 +1,63 @@
+# The Fleet Computer: `make demo` flies the example, `make test` passes the tests. `make help` lists the rest.
+SHELL := /bin/sh
+PYTHON ?= python3
+VENV ?= .venv
+OUT ?= out/demo
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet -c constraints.txt
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test lint generate bench format clean
+
+help: ## this list
+	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 18
+
+setup: $(VENV)/.installed ## a virtual environment with the fleet command
+
+demo: $(VENV)/.installed ## fly examples/crop-scouting end to end on this machine
+	@$(BIN)/fleet run examples/crop-scouting/fleetspec.yaml --out $(OUT) --fresh
+
+test: $(VENV)/.installed-dev ## every test
+	@$(BIN)/python -m pytest -n auto
+
+lint: $(VENV)/.installed-dev ## style, types, layers, generated files
+	@$(BIN)/ruff format --check .
+	@$(BIN)/ruff check .
+	@$(BIN)/mypy
+	@PYTHONPATH=.:operator $(BIN)/lint-imports --no-cache
+	@$(BIN)/python -m fleet.spec.generate --check
+
+generate: $(VENV)/.installed ## write crds/ and docs/reference/ from the models of the spec
+	@$(BIN)/python -m fleet.spec.generate
+
+bench: $(VENV)/.installed-dev ## measure; prints ratios, writes bench/out/results.json
+	@$(BIN)/python -m bench.run
+
+format: $(VENV)/.installed-dev ## put the code in the project's format
+	@$(BIN)/ruff format .
+	@$(BIN)/ruff check --fix .
+
+clean: ## remove everything that can be made again
+	@rm -rf $(VENV) out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis bench/out
+
+# A fresh Debian or Ubuntu has python3 without the part that makes virtual environments.
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "Python 3.11 or later is needed; name one with: make PYTHON=/path/to/python3 ..." >&2; exit 1; }
+	@echo "set-up: a virtual environment in $(VENV)"
+	@$(PYTHON) -m venv $(VENV) >/dev/null 2>&1 || { \
+	  rm -rf $(VENV); \
+	  echo "set-up: installing python3-venv, which this system lacks"; \
+	  if [ "$$(id -u)" = 0 ]; then SUDO=; else SUDO=sudo; fi; \
+	  $$SUDO apt-get update -qq && $$SUDO apt-get install -y -qq python3-venv >/dev/null && \
+	  $(PYTHON) -m venv $(VENV); }
+
+$(VENV)/.installed: pyproject.toml constraints.txt | $(BIN)/python
+	@echo "set-up: the packages of the Fleet Computer (about a minute)"
+	@$(PIP) -e .
+	@touch $@
+
+$(VENV)/.installed-dev: $(VENV)/.installed
+	@echo "set-up: the packages of the tests, PyTorch among them (some minutes, 6 GB)"
+	@$(PIP) -e '.[dev,deep]'
+	@touch $@

@@ -1,0 +1,221 @@
+"""Everything that a run has left in storage, typed; whatever is missing or unreadable is left out and noted."""
+
+from __future__ import annotations
+
+import io
+import re
+import zipfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from fleet.contexts.base import Environment
+from fleet.contexts.load import load_context
+from fleet.errors import ContextError, ObjectNotFound
+from fleet.learning.reward import RewardModel
+from fleet.missions.documents import (
+    INITIAL,
+    Landing,
+    MissionEvaluation,
+    MissionOrder,
+    RetrainingReport,
+    WeightsDocument,
+)
+from fleet.missions.records import Record, read_log
+from fleet.spec.resources import FleetSpec
+from fleet.storage.layout import FleetPaths
+from fleet.storage.port import Storage
+
+Read = TypeVar("Read")
+
+
+@dataclass(frozen=True)
+class AgentRun:
+    """One agent in one mission: its visited states in order, and how it ended (None while it flies)."""
+
+    agent: str
+    records: tuple[Record, ...]
+    landing: Landing | None
+
+
+@dataclass(frozen=True, eq=False)
+class MissionRun:
+    """What is there of one flown mission.
+
+    Args:
+        number: 1 for the first.
+        context: Name of the context that was flown over; "" when unknown.
+        environment: Grid and truth of that context; None when it cannot be read.
+        agents: In the order of the FleetSpec.
+        evaluation: None until the mission is over.
+        artefacts: Grids of Eval(), float64 [rows, columns], by name.
+    """
+
+    number: int
+    context: str = ""
+    environment: Environment | None = None
+    agents: tuple[AgentRun, ...] = ()
+    evaluation: MissionEvaluation | None = None
+    artefacts: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+
+    @property
+    def failures(self) -> dict[str, str]:
+        """Why agents failed, by name."""
+        landed = {run.agent: run.landing.message for run in self.agents if run.landing and run.landing.failed}
+        return {**landed, **(self.evaluation.failures if self.evaluation else {})}
+
+    @cached_property
+    def captured(self) -> frozenset[int]:
+        """Cells that some agent captured."""
+        return frozenset(record.cell for run in self.agents for record in run.records if record.captured)
+
+    @cached_property
+    def visited(self) -> frozenset[int]:
+        """Cells in which some agent was, captured or not."""
+        return frozenset(record.cell for run in self.agents for record in run.records)
+
+
+@dataclass(frozen=True, eq=False)
+class RunData:
+    """A finished, broken-off or empty run.
+
+    Args:
+        spec: The FleetSpec that it was started with; None when that cannot be read.
+        missions: Flown missions, by number.
+        weights: Weights over the models and their usefulness, by the mission that flies with them.
+        retraining: What the aggregators did, by the mission after which they ran.
+        notes: What could not be read, and why: sentences for the reader.
+    """
+
+    paths: FleetPaths
+    spec: FleetSpec | None = None
+    reward: RewardModel | None = None
+    missions: tuple[MissionRun, ...] = ()
+    weights: Mapping[int, WeightsDocument] = field(default_factory=dict)
+    retraining: Mapping[int, tuple[RetrainingReport, ...]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def models(self) -> tuple[str, ...]:
+        """Keys of all models: the first one, then by size of the subset and name."""
+        keys = {key for document in self.weights.values() for key in document.usefulness}
+        keys |= {report.subset for reports in self.retraining.values() for report in reports}
+        return tuple(sorted(keys, key=lambda key: (key != INITIAL, key.count("-"), _natural(key))))
+
+
+def collect(storage: Storage, paths: FleetPaths) -> RunData:
+    """Read a run from storage; never fails for something that is missing or broken.
+
+    Raises:
+        StorageError: the storage itself does not answer.
+    """
+    reader = _Reader(storage)
+    spec = reader.document(paths.fleet_spec, FleetSpec.model_validate_json)
+    numbers = sorted(_numbers(storage, paths))
+    order = [agent.name for agent in spec.spec.agents.resolved] if spec else []
+    missions = [_mission(reader, paths, number, order) for number in numbers]
+    weights = [reader.document(paths.weights(number), WeightsDocument.model_validate_json) for number in numbers]
+    return RunData(
+        paths=paths,
+        spec=spec,
+        reward=reader.document(paths.reward, RewardModel.model_validate_json),
+        missions=tuple(mission for mission in missions if mission is not None),
+        weights={document.number: document for document in weights if document is not None},
+        retraining={number: _retraining(reader, paths, number) for number in numbers},
+        notes=tuple(reader.notes),
+    )
+
+
+def _numbers(storage: Storage, paths: FleetPaths) -> set[int]:
+    """Numbers of all missions that have any object."""
+    folder = f"{paths.root}/missions/"
+    found = (re.match(r"(\d+)/", entry.path.removeprefix(folder)) for entry in storage.list(folder.rstrip("/")))
+    return {int(match[1]) for match in found if match}
+
+
+def _mission(reader: _Reader, paths: FleetPaths, number: int, order: list[str]) -> MissionRun | None:
+    """A mission; None when it was prepared but nobody has flown."""
+    plan = reader.document(paths.plan(number), MissionOrder.model_validate_json)
+    evaluation = reader.document(paths.evaluation(number), MissionEvaluation.model_validate_json)
+    runs = [_agent(reader, paths, number, agent) for agent in _agents(reader.storage, paths, number, order)]
+    agents = tuple(run for run in runs if run.records or run.landing)
+    if not agents and evaluation is None:
+        return None
+    context = plan.context if plan else evaluation.context if evaluation else ""
+    return MissionRun(
+        number=number,
+        context=context,
+        environment=reader.environment(paths, context) if context else None,
+        agents=agents,
+        evaluation=evaluation,
+        artefacts=reader.document(paths.artefacts(number), _grids) or {},
+    )
+
+
+def _agents(storage: Storage, paths: FleetPaths, number: int, order: list[str]) -> list[str]:
+    folder = f"{paths.mission(number)}/agents"
+    present = {entry.path.removeprefix(f"{folder}/").split("/")[0] for entry in storage.list(folder)}
+    return [name for name in order if name in present] + sorted(present - set(order), key=_natural)
+
+
+def _agent(reader: _Reader, paths: FleetPaths, number: int, agent: str) -> AgentRun:
+    return AgentRun(
+        agent=agent,
+        records=reader.document(paths.log(number, agent), read_log) or (),
+        landing=reader.document(paths.landing(number, agent), Landing.model_validate_json),
+    )
+
+
+def _retraining(reader: _Reader, paths: FleetPaths, number: int) -> tuple[RetrainingReport, ...]:
+    entries = reader.storage.list(f"{paths.mission(number)}/retraining")
+    reports = (reader.document(entry.path, RetrainingReport.model_validate_json) for entry in entries)
+    return tuple(report for report in reports if report is not None)
+
+
+def _grids(data: bytes) -> dict[str, NDArray[np.float64]]:
+    with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+        return {name: np.asarray(archive[name], dtype=np.float64) for name in archive.files}
+
+
+def _natural(text: str) -> list[tuple[int, str]]:
+    """A key that puts agent-10 after agent-9."""
+    return [(int(part), "") if part.isdigit() else (0, part) for part in re.split(r"(\d+)", text)]
+
+
+class _Reader:
+    """Reads documents, and keeps a note of each that is there but cannot be understood."""
+
+    def __init__(self, storage: Storage) -> None:
+        self.storage = storage
+        self.notes: list[str] = []
+        self._environments: dict[str, Environment | None] = {}
+
+    def document(self, path: str, parse: Callable[[bytes], Read]) -> Read | None:
+        try:
+            return parse(self.storage.read(path))
+        except ObjectNotFound:
+            return None
+        except (ValidationError, ValueError, KeyError, zipfile.BadZipFile, EOFError) as error:
+            self.notes.append(f"{path} cannot be read: {_first_line(error)}")
+            return None
+
+    def environment(self, paths: FleetPaths, context: str) -> Environment | None:
+        if context not in self._environments:
+            self._environments[context] = self._load(paths, context)
+        return self._environments[context]
+
+    def _load(self, paths: FleetPaths, context: str) -> Environment | None:
+        try:
+            return load_context(self.storage, paths.context(context)).environment
+        except (ObjectNotFound, ContextError) as error:
+            self.notes.append(f"the context {context} cannot be read: {_first_line(error)}")
+            return None
+
+
+def _first_line(error: BaseException) -> str:
+    return next(iter(str(error).splitlines()), type(error).__name__)

@@ -1,0 +1,232 @@
+"""report.html: one page with everything in it, for people."""
+
+from __future__ import annotations
+
+import base64
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+
+import jinja2
+import numpy as np
+import yaml
+
+import fleet
+from fleet.functions.contract import AgentMetrics
+from fleet.missions.documents import GoalResult
+from fleet.report import measures
+from fleet.report.collect import MissionRun, RunData
+from fleet.report.pictures import Picture
+from fleet.spec.swarm import Goal
+
+
+@dataclass(frozen=True)
+class Table:
+    """Texts in rows; the first column names the row, the others are set to the right."""
+
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class MissionSection:
+    """What the page says of one mission."""
+
+    number: int
+    title: str
+    goals: tuple[tuple[bool, str], ...]
+    agents: Table
+    failures: Mapping[str, str]
+    pictures: tuple[Picture, ...]
+
+
+def render(run: RunData, pictures: Mapping[str, Sequence[Picture]]) -> str:
+    """The page.
+
+    Args:
+        pictures: By place: `metrics`, `models`, `reward`, and `mission N` for the missions that have some.
+    """
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
+    environment.filters["data_uri"] = _data_uri
+    template = environment.from_string(resources.files("fleet.report").joinpath("report.html").read_text("utf-8"))
+    shown = [mission for mission in run.missions if f"mission {mission.number}" in pictures]
+    return template.render(
+        name=run.spec.name if run.spec else run.paths.fleet,
+        namespace=run.paths.namespace,
+        verdict=verdict(run),
+        good=_succeeded(run),
+        cards=_cards(run),
+        missions=missions_table(run),
+        sections=[_section(mission, run, pictures[f"mission {mission.number}"]) for mission in reversed(shown)],
+        left_out=len(run.missions) - len(shown),
+        metric_pictures=pictures.get("metrics", ()),
+        models=_models_table(run),
+        models_pictures=pictures.get("models", ()),
+        shaping=shaping_sentence(run),
+        thresholds=_thresholds(run),
+        reward_pictures=pictures.get("reward", ()),
+        notes=run.notes,
+        facts=_facts(run),
+        spec=_spec_yaml(run),
+    )
+
+
+def verdict(run: RunData) -> str:
+    """One or two sentences: how many missions were flown, whether all of the run is there, and the goals."""
+    planned = run.spec.spec.missions.count if run.spec else None
+    over = [mission.evaluation for mission in run.missions if mission.evaluation]
+    if not run.missions:
+        return "No mission has been flown."
+    counted = f"{len(over)} of {planned} missions" if planned else f"{len(over)} missions"
+    text = f"{counted} flown to the end."
+    if len(run.missions) > len(over):
+        text += f" Mission {run.missions[-1].number} was broken off, or is still flying."
+    if over:
+        met = sum(result.met for result in over[-1].goals)
+        text += f" The last one met {met} of {len(over[-1].goals)} goals."
+    return text
+
+
+def shaping_sentence(run: RunData) -> str:
+    """What became of reward shaping, in plain words."""
+    if run.reward is None:
+        return "Reward shaping has not ended: there is no reward model."
+    if run.reward.goals_met:
+        return "Reward shaping found parameters that met every goal on every shaping context in simulation."
+    return (
+        "No parameter set met all goals on all shaping contexts in simulation. The best one seen is used; "
+        f"its loss is {run.reward.loss:.4g}. Missions may miss their goals."
+    )
+
+
+def missions_table(run: RunData) -> Table:
+    """One row a mission: goals met and every metric."""
+    names = measures.ordered(name for one in run.missions if one.evaluation for name in one.evaluation.metrics)
+    rows = []
+    for mission in run.missions:
+        evaluation = mission.evaluation
+        values = [measures.text(name, evaluation.metrics.get(name) if evaluation else None) for name in names]
+        met = f"{sum(one.met for one in evaluation.goals)} of {len(evaluation.goals)}" if evaluation else "not over"
+        rows.append((str(mission.number), mission.context, met, *values, str(len(mission.failures))))
+    header = ("mission", "context", "goals met", *(measures.label(name) for name in names), "failed agents")
+    return Table(header, tuple(rows))
+
+
+def _succeeded(run: RunData) -> bool:
+    """Whether every planned mission is over and the last one met all its goals."""
+    over = [mission.evaluation for mission in run.missions if mission.evaluation]
+    planned = run.spec.spec.missions.count if run.spec else 1
+    return len(over) >= planned and over[-1].goals_met
+
+
+def _cards(run: RunData) -> list[tuple[str, str]]:
+    """The figures of the last mission that is over, goals' metrics first."""
+    over = [mission.evaluation for mission in run.missions if mission.evaluation]
+    if not over:
+        return []
+    wanted = [result.goal.metric for result in over[-1].goals]
+    wanted += ["accuracy", "coverage", "time_s", "uav_energy_j", "edge_energy_j"]
+    unique = dict.fromkeys(name for name in wanted if name in over[-1].metrics)
+    return [(measures.label(name), measures.text(name, over[-1].metrics[name])) for name in unique][:6]
+
+
+def _section(mission: MissionRun, run: RunData, pictures: Sequence[Picture]) -> MissionSection:
+    results = mission.evaluation.goals if mission.evaluation else ()
+    return MissionSection(
+        number=mission.number,
+        title=f"Mission {mission.number}" + (f" over {mission.context}" if mission.context else ""),
+        goals=tuple((result.met, _goal_text(result)) for result in results),
+        agents=_agents_table(mission),
+        failures=mission.failures,
+        pictures=tuple(pictures),
+    )
+
+
+def _goal_text(result: GoalResult) -> str:
+    value = measures.text(result.goal.metric, result.value) if result.value is not None else "not measured"
+    return f"{measures.label(result.goal.metric)} {_bounds(result.goal)}: {value}"
+
+
+def _bounds(goal: Goal) -> str:
+    bounds = (("at least", goal.at_least), ("at most", goal.at_most))
+    return " and ".join(f"{word} {measures.text(goal.metric, one)}" for word, one in bounds if one is not None)
+
+
+def _agents_table(mission: MissionRun) -> Table:
+    header = ("agent", "steps", "captures", "groups", "time", "UAV energy", "edge energy", "ended")
+    return Table(header, tuple(_agent_row(mission, index) for index in range(len(mission.agents))))
+
+
+def _agent_row(mission: MissionRun, index: int) -> tuple[str, ...]:
+    run = mission.agents[index]
+    if run.landing is None:
+        last = run.records[-1] if run.records else None
+        metrics = AgentMetrics(
+            agent=run.agent,
+            steps=len(run.records),
+            captures=sum(record.captured for record in run.records),
+            time_s=last.time_s if last else 0.0,
+            uav_energy_j=last.uav_energy_j if last else 0.0,
+        )
+        groups, edge, ended = "–", "–", "in the air"  # noqa: RUF001  # an en dash is the usual sign for an empty cell
+    else:
+        metrics = run.landing.metrics
+        groups = f"{metrics.groups_explored} of {metrics.groups}"
+        edge = measures.text("edge_energy_j", metrics.edge_energy_j)
+        ended = "failed" if run.agent in mission.failures else "landed"
+    time, energy = measures.duration(metrics.time_s), measures.text("uav_energy_j", metrics.uav_energy_j)
+    return run.agent, f"{metrics.steps:,}", f"{metrics.captures:,}", groups, time, energy, edge, ended
+
+
+def _models_table(run: RunData) -> Table:
+    last = run.weights[max(run.weights)].usefulness if run.weights else {}
+    rows = []
+    for model in run.models:
+        reports = [one for number in sorted(run.retraining) for one in run.retraining[number] if one.subset == model]
+        useful = last.get(model)
+        rows.append(
+            (
+                model,
+                "not flown yet" if useful is None else f"{useful:.3f}",
+                str(reports[-1].level) if reports else "–",  # noqa: RUF001  # see above
+                str(len(reports)),
+                f"{sum(one.transitions for one in reports):,}",
+                measures.duration(sum(one.cpu_s for one in reports)),
+                measures.text("energy_j", sum(one.energy_j for one in reports)),
+            )
+        )
+    header = ("model", "usefulness", "last level", "retrained", "transitions", "CPU time", "energy")
+    return Table(header, tuple(rows))
+
+
+def _thresholds(run: RunData) -> list[tuple[str, str]]:
+    if run.reward is None:
+        return []
+    return [
+        ("utility threshold T_u", f"{run.reward.utility_threshold:.4g}"),
+        ("visited threshold T_v", str(run.reward.visited_threshold)),
+        ("loss on the shaping contexts", f"{run.reward.loss:.4g}"),
+    ]
+
+
+def _facts(run: RunData) -> list[tuple[str, str]]:
+    recorded = run.spec.metadata.annotations.get("fleetcomputer.io/version") if run.spec else None
+    facts = [("fleet", recorded or f"{fleet.__version__} (this report)"), ("Python", platform.python_version())]
+    facts.append(("NumPy", np.__version__))
+    if run.spec:
+        facts.append(("seed", str(run.spec.spec.missions.seed)))
+        facts.append(("agents", str(len(run.spec.spec.agents.resolved))))
+    return [*facts, ("place in storage", run.paths.root)]
+
+
+def _spec_yaml(run: RunData) -> str:
+    if run.spec is None:
+        return ""
+    document = run.spec.model_dump(mode="json", by_alias=True, exclude_none=True, exclude={"status"})
+    document["metadata"] = {key: value for key, value in document["metadata"].items() if value}
+    return yaml.safe_dump(document, sort_keys=False, width=100)
+
+
+def _data_uri(picture: Picture) -> str:
+    return "data:image/png;base64," + base64.b64encode(picture.png).decode()

@@ -1,0 +1,170 @@
+"""Which pictures a report has, from the data of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleet.contexts.grid import Grid
+from fleet.report import measures, plots
+from fleet.report.collect import MissionRun, RunData
+from fleet.report.tables import CLASS, PREDICTED, grid_or_nan, map_shape
+from fleet.spec.swarm import Goal
+
+MODEL_LIMIT = 31
+"""Models in the picture; with more, those that were most useful in the end."""
+_LATEST = 9
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One PNG.
+
+    Args:
+        path: Where it is stored, relative to the report.
+        caption: What it shows, for the reader.
+    """
+
+    path: str
+    caption: str
+    png: bytes
+
+
+def pictured(missions: Sequence[MissionRun]) -> tuple[MissionRun, ...]:
+    """The missions that get pictures: the first and the latest, so that a long run has a report of readable size."""
+    return tuple(missions) if len(missions) <= _LATEST + 1 else (missions[0], *missions[-_LATEST:])
+
+
+def mission_pictures(mission: MissionRun) -> tuple[Picture, ...]:
+    """True map, paths, predicted map, error and classes of a mission: those for which the data is there."""
+    shape = map_shape(mission)
+    if shape is None:
+        return ()
+    environment = mission.environment
+    predicted = grid_or_nan(mission.artefacts.get(PREDICTED), shape)
+    grid = environment.grid if environment else Grid(np.isfinite(predicted))
+    truth = np.where(grid.valid, grid_or_nan(environment.truth if environment else None, shape), np.nan)
+    predicted = np.where(grid.valid, predicted, np.nan)
+    classes = np.where(grid.valid, grid_or_nan(mission.artefacts.get(CLASS), shape), np.nan)
+    maps = _Maps(mission, grid, (environment.truth_name if environment else "") or "value")
+    return tuple(maps.all(truth, predicted, classes))
+
+
+@dataclass(frozen=True, eq=False)
+class _Maps:
+    mission: MissionRun
+    grid: Grid
+    quantity: str
+
+    def all(
+        self, truth: NDArray[np.float64], predicted: NDArray[np.float64], classes: NDArray[np.float64]
+    ) -> Iterable[Picture]:
+        scale = plots.value_scale(self.quantity, [truth, predicted])
+        if _any(truth):
+            yield self._picture("truth", f"True {self.quantity}.", plots.value_map(self.grid, truth, scale))
+        yield self._picture(
+            "paths",
+            "Way of each agent over the true map: a disc where it took off, a cross in its last state.",
+            plots.path_map(self.grid, truth if _any(truth) else None, _tracks(self.mission)),
+        )
+        if _any(predicted):
+            yield self._picture(
+                "predicted",
+                f"Predicted {self.quantity}, in the colours of the true map.",
+                plots.value_map(self.grid, predicted, scale),
+            )
+        error = predicted - truth
+        if _any(error):
+            scale = plots.error_scale(f"predicted - true {self.quantity}", error)
+            mean = float(np.mean(np.abs(error[np.isfinite(error)])))
+            caption = f"Error of the prediction; its mean size is {mean:.3g}."
+            yield self._picture("error", caption, plots.value_map(self.grid, error, scale))
+        if _any(classes):
+            scale = plots.class_scale("class", [classes])
+            yield self._picture("classes", "Predicted classes.", plots.value_map(self.grid, classes, scale))
+
+    def _picture(self, name: str, caption: str, png: bytes) -> Picture:
+        return Picture(f"missions/{self.mission.number:04d}/{name}.png", caption, png)
+
+
+def metric_pictures(run: RunData) -> tuple[Picture, ...]:
+    """One chart for each metric that at least two missions have a value of."""
+    evaluated = [mission.evaluation for mission in run.missions if mission.evaluation]
+    goals = run.spec.spec.goals if run.spec else ()
+    pictures = []
+    for metric in measures.ordered(name for evaluation in evaluated for name in evaluation.metrics):
+        points = [
+            (one.number, one.metrics[metric]) for one in evaluated if np.isfinite(one.metrics.get(metric, np.nan))
+        ]
+        if len(points) > 1:
+            png = plots.metric_over_missions(_series(metric, points, goals))
+            pictures.append(Picture(f"metrics/{metric}.png", f"{measures.label(metric)} over missions", png))
+    return tuple(pictures)
+
+
+def models_picture(run: RunData) -> Picture | None:
+    """Usefulness and level of each model over missions; None before a model was weighed."""
+    models = _most_useful(run)
+    usefulness = {
+        number: [_or_nan(document.usefulness.get(model)) for model in models]
+        for number, document in sorted(run.weights.items())
+    }
+    levels = {
+        number: [{one.subset: float(one.level) for one in reports}.get(model, np.nan) for model in models]
+        for number, reports in sorted(run.retraining.items())
+        if reports
+    }
+    if not models or not (usefulness or levels):
+        return None
+    caption = "Usefulness of each model, and the scheduling level at which its aggregator retrained it; grey: none."
+    if len(models) < len(run.models):
+        caption += f" Shown are the {len(models)} of {len(run.models)} models that were most useful in the end."
+    return Picture("models.png", caption, plots.models_over_missions(models, usefulness, levels))
+
+
+def reward_picture(run: RunData) -> Picture | None:
+    """Weights of the features in the reward; None before reward shaping has ended."""
+    if run.reward is None or not run.reward.features:
+        return None
+    png = plots.reward_weights(run.reward.features, run.reward.weights)
+    return Picture("reward.png", "Weight of each feature in the reward.", png)
+
+
+def _series(metric: str, points: Sequence[tuple[int, float]], goals: Sequence[Goal]) -> plots.Series:
+    factor, unit = measures.scaled(metric)
+    low = [goal.at_least * factor for goal in goals if goal.metric == metric and goal.at_least is not None]
+    high = [goal.at_most * factor for goal in goals if goal.metric == metric and goal.at_most is not None]
+    return plots.Series(
+        label=measures.label(metric) + (f" ({unit})" if unit else ""),
+        missions=[number for number, _ in points],
+        values=[value * factor for _, value in points],
+        at_least=max(low, default=None),
+        at_most=min(high, default=None),
+    )
+
+
+def _tracks(mission: MissionRun) -> list[plots.Track]:
+    return [
+        plots.Track(run.agent, [record.row for record in run.records], [record.column for record in run.records])
+        for run in mission.agents
+        if run.records
+    ]
+
+
+def _most_useful(run: RunData) -> tuple[str, ...]:
+    if len(run.models) <= MODEL_LIMIT:
+        return run.models
+    last = run.weights[max(run.weights)].usefulness if run.weights else {}
+    best = sorted(run.models, key=lambda model: -(last.get(model) or 0.0))[:MODEL_LIMIT]
+    return tuple(model for model in run.models if model in best)
+
+
+def _or_nan(value: float | None) -> float:
+    return float("nan") if value is None else value
+
+
+def _any(values: NDArray[np.float64]) -> bool:
+    return bool(np.isfinite(values).any())

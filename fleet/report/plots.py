@@ -1,0 +1,300 @@
+"""The report's pictures; the one door to matplotlib.
+
+Maps have north at the top and east at the right whatever the context's rows and columns do; their axes are labelled
+with rows and columns of the context. Colours can be told apart by people with colour-blindness: viridis for values,
+purple to orange for errors, the palette of Okabe and Ito for agents. Equal input gives equal bytes.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm, Colormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.patheffects import Normal, Stroke
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from fleet.contexts.grid import Grid
+
+VALUES, ERRORS, CLASSES, TRUTH_BELOW_PATHS = "viridis", "PuOr", "cividis", "Greys"
+NO_DATA = "#e4e4e7"
+INK = "#27272a"
+AGENTS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#F0E442")
+"""Okabe and Ito: Color Universal Design, 2008."""
+_STYLE: Any = {
+    "font.family": "DejaVu Sans", "font.size": 9, "axes.titlesize": 9, "axes.labelsize": 8, "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5, "legend.fontsize": 8, "axes.edgecolor": "#a1a1aa", "axes.linewidth": 0.8,
+    "axes.labelcolor": INK, "xtick.color": "#71717a", "ytick.color": "#71717a", "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK, "text.color": INK, "axes.spines.top": False, "axes.spines.right": False,
+    "figure.facecolor": "white", "savefig.facecolor": "white",
+}  # fmt: skip
+_DPI = 144
+_LEGEND_LIMIT = 12
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How a map's numbers become colours.
+
+    Args:
+        label: What the numbers are, with their unit.
+        low, high: Numbers at the ends of the colours; what lies outside has the colour of the end.
+        colours: Name of a matplotlib colour map.
+        steps: Whether the numbers are whole and each has a colour of its own.
+    """
+
+    label: str
+    low: float
+    high: float
+    colours: str = VALUES
+    steps: bool = False
+
+
+@dataclass(frozen=True)
+class Track:
+    """The states that an agent visited, in order, in rows and columns of the context."""
+
+    agent: str
+    rows: Sequence[int]
+    columns: Sequence[int]
+
+
+@dataclass(frozen=True)
+class Series:
+    """One metric over missions, and the goals that speak of it."""
+
+    label: str
+    missions: Sequence[int]
+    values: Sequence[float]
+    at_least: float | None = None
+    at_most: float | None = None
+
+
+def value_scale(label: str, grids: Sequence[NDArray[np.float64]]) -> Scale:
+    """One scale for several maps, from the 1st to the 99th percentile so that a few outliers do not hide the rest."""
+    low, high = _spread(grids, 1, 99)
+    return Scale(label, low, high)
+
+
+def error_scale(label: str, errors: NDArray[np.float64]) -> Scale:
+    """A scale with 0 in the middle."""
+    low, high = _spread([errors], 1, 99)
+    reach = max(abs(low), abs(high)) or 1.0
+    return Scale(label, -reach, reach, ERRORS)
+
+
+def class_scale(label: str, grids: Sequence[NDArray[np.float64]]) -> Scale:
+    """One colour a class, the same for several maps."""
+    low, high = _spread(grids, 0, 100)
+    return Scale(label, np.floor(low), np.ceil(high), CLASSES, steps=True)
+
+
+def value_map(grid: Grid, values: NDArray[np.float64], scale: Scale) -> bytes:
+    """A PNG of numbers on the grid; cells that are NaN are grey."""
+    with mpl.rc_context(_STYLE):
+        figure, axes = _map_figure(grid)
+        colours, norm, ticks = _colours(scale)
+        image = axes.imshow(values, cmap=colours, norm=norm, interpolation="nearest", aspect="auto")
+        _orient(axes, grid)
+        extend = "neither" if scale.steps else _extend(values, scale)
+        bar = figure.colorbar(image, ax=axes, extend=extend, ticks=ticks, fraction=0.05, pad=0.03)
+        bar.set_label(scale.label)
+        bar.outline.set_visible(False)
+        return _png(figure)
+
+
+def path_map(grid: Grid, background: NDArray[np.float64] | None, tracks: Sequence[Track]) -> bytes:
+    """A PNG of each agent's way over the grid: a disc where it took off, a cross where it ended."""
+    with mpl.rc_context(_STYLE):
+        figure, axes = _map_figure(grid, room_for_legend=len(tracks) <= _LEGEND_LIMIT)
+        below = np.where(grid.valid, 1.0, np.nan) if background is None else background
+        colours, norm, _ = _colours(Scale("", *_faint(below), TRUTH_BELOW_PATHS))
+        colours = colours.with_extremes(bad="white")
+        axes.imshow(below, cmap=colours, norm=norm, interpolation="nearest", aspect="auto")
+        for index, track in enumerate(tracks):
+            _draw_track(axes, track, index)
+        _orient(axes, grid)
+        if 0 < len(tracks) <= _LEGEND_LIMIT:
+            figure.legend(loc="outside lower center", ncols=min(4, len(tracks)), frameon=False)
+        return _png(figure)
+
+
+def metric_over_missions(series: Series) -> bytes:
+    """A PNG of one metric, from 0 so that small changes look small; goals are dashed lines."""
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(3.1, 1.95), layout="constrained")
+        axes = figure.add_subplot()
+        axes.plot(series.missions, series.values, "o-", color=AGENTS[0], lw=1.4, ms=4, clip_on=False, zorder=3)
+        _label_values(axes, series)
+        _draw_goals(axes, series)
+        axes.set_title(series.label)
+        _from_zero(axes, series)
+        axes.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
+        axes.yaxis.set_major_locator(MaxNLocator(nbins=4))
+        axes.grid(axis="y", color=NO_DATA, lw=0.6)
+        axes.set_axisbelow(True)
+        axes.set_xlabel("mission")
+        return _png(figure)
+
+
+def models_over_missions(
+    models: Sequence[str], usefulness: Mapping[int, Sequence[float]], levels: Mapping[int, Sequence[float]]
+) -> bytes:
+    """A PNG of tables in colour: usefulness and level of each model.
+
+    Args:
+        models: Names of the rows.
+        usefulness: By the mission that flies with the models: one number a model, NaN when it has not flown.
+        levels: By the mission after which models were retrained: one level a model, NaN when there is none.
+    """
+    tables = [("usefulness", "for mission", usefulness, Normalize(0, _top(usefulness)), "{:.2f}"),
+              ("level of its aggregator", "after mission", levels, Normalize(0, 9), "{:.0f}")]  # fmt: skip
+    tables = [table for table in tables if table[2]]
+    widths = [len(table[2]) for table in tables]
+    with mpl.rc_context(_STYLE):
+        size = (1.6 + sum(max(1.6, min(5.0, 0.42 * width)) for width in widths), 1.1 + 0.24 * len(models))
+        figure = Figure(figsize=size, layout="constrained")
+        panels = figure.subplots(1, len(tables), squeeze=False, sharey=True, width_ratios=[max(4, w) for w in widths])
+        for axes, (title, along, columns, norm, form) in zip(panels[0], tables, strict=True):
+            _draw_table(axes, columns, norm, form)
+            axes.set_title(title)
+            axes.set_xlabel(along)
+        panels[0][0].set_yticks(range(len(models)), models)
+        return _png(figure)
+
+
+def reward_weights(features: Sequence[str], weights: Sequence[float]) -> bytes:
+    """A PNG with one bar a feature."""
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(4.6, 0.7 + 0.3 * len(features)), layout="constrained")
+        axes = figure.add_subplot()
+        bars = axes.barh(range(len(features)), weights, color=AGENTS[0], height=0.62)
+        axes.bar_label(bars, labels=[f"{weight:.2f}" for weight in weights], padding=3, fontsize=8)
+        axes.set_yticks(range(len(features)), features)
+        axes.set_xlim(0, max(1.0, *weights) * 1.1)
+        axes.invert_yaxis()
+        axes.set_xlabel("weight in the reward")
+        return _png(figure)
+
+
+def _map_figure(grid: Grid, room_for_legend: bool = False) -> tuple[Figure, Axes]:
+    shape = (grid.rows * grid.cell_height_m) / (grid.columns * grid.cell_width_m)
+    width = 4.6
+    height = min(max(width * 0.78 * shape, 1.6), 7.0)
+    figure = Figure(figsize=(width, height + 0.5 + 0.3 * room_for_legend), layout="constrained")
+    return figure, figure.add_subplot()
+
+
+def _orient(axes: Axes, grid: Grid) -> None:
+    """North to the top, east to the right, cells in their true proportions."""
+    axes.set_xlim(*((-0.5, grid.columns - 0.5) if grid.columns_go_east else (grid.columns - 0.5, -0.5)))
+    axes.set_ylim(*((grid.rows - 0.5, -0.5) if grid.rows_go_south else (-0.5, grid.rows - 0.5)))
+    axes.set_aspect(grid.cell_height_m / grid.cell_width_m)
+    for axis, count, name in ((axes.xaxis, grid.columns, "column"), (axes.yaxis, grid.rows, "row")):
+        axis.set_major_locator(MaxNLocator(nbins=min(8, count), integer=True))
+        axis.set_label_text(name)
+    axes.text(1.0, 1.01, "N \N{UPWARDS ARROW}", transform=axes.transAxes, ha="right", va="bottom", fontsize=7.5)
+    axes.spines[:].set_visible(False)
+
+
+def _colours(scale: Scale) -> tuple[Colormap, Normalize, Sequence[float] | None]:
+    if not scale.steps:
+        return mpl.colormaps[scale.colours].with_extremes(bad=NO_DATA), Normalize(scale.low, scale.high), None
+    classes = np.arange(scale.low, scale.high + 1)
+    colours = mpl.colormaps[scale.colours].resampled(max(2, len(classes))).with_extremes(bad=NO_DATA)
+    edges = np.append(classes - 0.5, classes[-1] + 0.5)
+    return colours, BoundaryNorm(edges, len(classes)) if len(classes) > 1 else Normalize(0, 1), classes.tolist()
+
+
+def _extend(values: NDArray[np.float64], scale: Scale) -> str:
+    found = values[np.isfinite(values)]
+    low, high = bool(np.any(found < scale.low)), bool(np.any(found > scale.high))
+    return {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[low, high]
+
+
+def _faint(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Limits that keep the greys light, so that the ways stay readable."""
+    low, high = _spread([values], 1, 99)
+    span = (high - low) or 1.0
+    return low - 0.15 * span, high + 1.5 * span
+
+
+def _spread(grids: Sequence[NDArray[np.float64]], lowest: float, highest: float) -> tuple[float, float]:
+    values = np.concatenate([grid[np.isfinite(grid)] for grid in grids]) if grids else np.empty(0)
+    if not values.size:
+        return 0.0, 1.0
+    low, high = np.percentile(values, [lowest, highest])
+    return float(low), float(high)
+
+
+def _draw_track(axes: Axes, track: Track, index: int) -> None:
+    colour = AGENTS[index % len(AGENTS)]
+    dashes = ("-", "--", ":", "-.")[index // len(AGENTS) % 4]
+    halo = [Stroke(linewidth=2.6, foreground="white"), Normal()]
+    axes.plot(track.columns, track.rows, dashes, color=colour, lw=1.3, label=track.agent, path_effects=halo)
+    axes.plot(track.columns[:1], track.rows[:1], "o", color=colour, ms=7, mec="white", mew=1.2, zorder=4)
+    axes.plot(track.columns[-1:], track.rows[-1:], "X", color=colour, ms=6.5, mec="white", mew=0.9, zorder=4)
+
+
+def _from_zero(axes: Axes, series: Series) -> None:
+    shown = [*series.values, *(goal for goal in (series.at_least, series.at_most) if goal is not None)]
+    low, high = min(0.0, *shown), max(0.0, *shown)
+    room = 0.25 * ((high - low) or 1.0)
+    axes.set_ylim(low - (room if low < 0 else 0.0), high + room)
+    axes.set_xlim(min(series.missions) - 0.4, max(series.missions) + 0.4)
+
+
+def _label_values(axes: Axes, series: Series) -> None:
+    if len(series.missions) > 5:
+        return
+    for mission, value in zip(series.missions, series.values, strict=True):
+        axes.annotate(
+            f"{value:.3g}" if abs(value) < 1000 else f"{value:,.0f}", xy=(mission, value), xytext=(0, 5),
+            textcoords="offset points", ha="center", va="bottom", fontsize=7, zorder=4,
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.4, "alpha": 0.8},
+        )  # fmt: skip
+
+
+def _draw_goals(axes: Axes, series: Series) -> None:
+    for goal, sign in ((series.at_least, "at least"), (series.at_most, "at most")):
+        if goal is not None:
+            axes.axhline(goal, color=AGENTS[1], lw=1.1, ls="--")
+            axes.annotate(
+                f"goal: {sign} {goal:g}", xy=(1, goal), xycoords=("axes fraction", "data"), xytext=(0, -2),
+                textcoords="offset points", ha="right", va="top", fontsize=7, color="#a23f00",
+            )  # fmt: skip
+
+
+def _draw_table(axes: Axes, columns: Mapping[int, Sequence[float]], norm: Normalize, form: str) -> None:
+    table = np.array([columns[mission] for mission in sorted(columns)], dtype=np.float64).T
+    axes.imshow(table, cmap=mpl.colormaps[VALUES].with_extremes(bad=NO_DATA), norm=norm, aspect="auto")
+    missions = sorted(columns)
+    every = -(-len(missions) // 12)
+    axes.set_xticks(range(0, len(missions), every), [str(mission) for mission in missions[::every]])
+    axes.spines[:].set_visible(False)
+    axes.tick_params(length=0)
+    if len(missions) > 12:
+        return
+    for row, column in np.argwhere(np.isfinite(table)).tolist():
+        value = table[row, column]
+        ink = "white" if norm(value) < 0.6 else INK
+        axes.text(column, row, form.format(value), ha="center", va="center", fontsize=7, color=ink)
+
+
+def _top(columns: Mapping[int, Sequence[float]]) -> float:
+    values = np.array([value for column in columns.values() for value in column], dtype=np.float64)
+    found = values[np.isfinite(values)]
+    return float(found.max()) if found.size and found.max() > 0 else 1.0
+
+
+def _png(figure: Figure) -> bytes:
+    data = io.BytesIO()
+    figure.savefig(data, format="png", dpi=_DPI, metadata={"Software": None})
+    return data.getvalue()

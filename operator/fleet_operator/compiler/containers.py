@@ -1,0 +1,139 @@
+"""Builders of containers: environment, command, resources, probes, and the same hardening for all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from fleet.spec.base import Resources
+from fleet_operator.compiler import defaults
+from fleet_operator.compiler.quantities import settled, to_manifest, whole_cores
+from fleet_operator.compiler.target import Target, UserFunction
+from fleet_operator.resources import names
+
+Manifest = dict[str, Any]
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+@dataclass(frozen=True)
+class Program:
+    """One container of the platform's image.
+
+    Args:
+        name: Name of the container.
+        command: What it runs.
+        resources: Requests and limits, settled.
+        environment: Variables beside those that every container gets.
+        port: Where it listens, when it does.
+        workers: Worker processes among which the CPU limit is divided.
+    """
+
+    name: str
+    command: tuple[str, ...]
+    resources: Resources
+    environment: dict[str, str] = field(default_factory=dict)
+    port: int | None = None
+    workers: int = 1
+
+
+def container(target: Target, program: Program) -> Manifest:
+    """A container of the platform's image with the user's functions in it."""
+    variables = {
+        "FLEET_STORAGE_URI": target.storage,
+        "FLEET_NAMESPACE": target.spec.metadata.namespace,
+        "FLEET_NAME": target.spec.name,
+        **program.environment,
+        **_server_variables(program.port),
+        **_process_variables(program.resources, program.workers),
+    }
+    if target.bundle:
+        variables["PYTHONPATH"] = names.FUNCTIONS_FOLDER
+    result: Manifest = {
+        "name": program.name,
+        "image": target.settings.runtime_image,
+        "imagePullPolicy": target.settings.pull_policy,
+        "command": list(program.command),
+    }
+    if target.bundle:
+        result["workingDir"] = names.FUNCTIONS_FOLDER
+    result["env"] = _env(variables)
+    _finish(result, program.resources, program.port, functions=bool(target.bundle))
+    return result
+
+
+def sidecar(target: Target, function: UserFunction) -> Manifest:
+    """Map() or Eval() as a native sidecar: started before the main container, restarted when it dies.
+
+    Source: Kubernetes, "Sidecar Containers": an init container with restartPolicy Always.
+    """
+    resources = settled(function.spec.resources, defaults.FUNCTION, f"spec.{function.name}.resources")
+    if function.spec.image is None:
+        command = ("fleet", "serve", function.name, str(function.spec.function), "--host", "$(FLEET_BIND)")
+        program = Program(function.name, (*command, "--port", "$(FLEET_PORT)"), resources, port=function.port)
+        result = container(target, program)
+    else:
+        result = _image_container(target, function, resources)
+    result["restartPolicy"] = "Always"
+    result["startupProbe"] = _probe(function.name, defaults.PROBE_FAILURES)
+    return result
+
+
+def readiness(port: str) -> Manifest:
+    """A probe that lets a Service send requests to the container."""
+    return _probe(port, failures=3)
+
+
+def _image_container(target: Target, function: UserFunction, resources: Resources) -> Manifest:
+    """The user's own image: it is told where to listen, and gets neither storage nor cluster."""
+    result: Manifest = {
+        "name": function.name,
+        "image": function.spec.image,
+        "imagePullPolicy": target.settings.pull_policy,
+    }
+    if function.spec.command:
+        result["command"] = list(function.spec.command)
+    result["env"] = _env({**_server_variables(function.port), **_process_variables(resources, 1)})
+    _finish(result, resources, function.port, functions=False)
+    return result
+
+
+def _server_variables(port: int | None) -> dict[str, str]:
+    return {} if port is None else {"FLEET_BIND": "0.0.0.0", "FLEET_PORT": str(port)}
+
+
+def _process_variables(resources: Resources, workers: int) -> dict[str, str]:
+    """Numeric libraries start as many threads as the machine has cores unless they are told the limit."""
+    threads = max(1, whole_cores(resources) // workers)
+    return {
+        "HOME": names.SCRATCH_FOLDER,
+        "PYTHONUNBUFFERED": "1",
+        **dict.fromkeys(_THREADS, str(threads)),
+    }
+
+
+def _env(variables: dict[str, str]) -> list[Manifest]:
+    return [{"name": name, "value": value} for name, value in sorted(variables.items())]
+
+
+def _finish(result: Manifest, resources: Resources, port: int | None, functions: bool) -> None:
+    if port is not None:
+        result["ports"] = [{"name": result["name"], "containerPort": port}]
+    result["resources"] = to_manifest(resources)
+    result["securityContext"] = {
+        "allowPrivilegeEscalation": False,
+        "readOnlyRootFilesystem": True,
+        "capabilities": {"drop": ["ALL"]},
+    }
+    mounts: list[Manifest] = [{"name": names.SCRATCH_VOLUME, "mountPath": names.SCRATCH_FOLDER}]
+    if functions:
+        mounts.append({"name": names.FUNCTIONS_VOLUME, "mountPath": names.FUNCTIONS_FOLDER, "readOnly": True})
+    result["volumeMounts"] = mounts
+
+
+def _probe(port: str, failures: int) -> Manifest:
+    return {
+        "httpGet": {"path": names.HEALTH_PATH, "port": port},
+        "periodSeconds": defaults.PROBE_PERIOD_S,
+        "timeoutSeconds": defaults.PROBE_TIMEOUT_S,
+        "failureThreshold": failures,
+    }

@@ -1,0 +1,32 @@
+"""CPU and memory of containers for which the FleetSpec gives none, and how Jobs are tried again.
+
+Requests are small, so that the bin packing stays feasible on edge machines; limits leave room for a burst.
+"""
+
+from __future__ import annotations
+
+from fleet.errors import ExitCode
+from fleet.spec.base import Amounts, Resources
+
+
+def _resources(cpu: tuple[str, str], memory: tuple[str, str]) -> Resources:
+    return Resources(
+        requests=Amounts(cpu=cpu[0], memory=memory[0]),
+        limits=Amounts(cpu=cpu[1], memory=memory[1]),
+    )
+
+
+SENSOR = _resources(cpu=("50m", "500m"), memory=("96Mi", "512Mi"))
+WORKFLOW = _resources(cpu=("100m", "1"), memory=("128Mi", "512Mi"))
+FUNCTION = _resources(cpu=("100m", "1"), memory=("128Mi", "512Mi"))
+TRAINER = _resources(cpu=("1", "2"), memory=("512Mi", "1536Mi"))
+AGGREGATOR = _resources(cpu=("250m", "1"), memory=("160Mi", "512Mi"))
+
+PERMANENT_EXIT_CODES = (int(ExitCode.USAGE), int(ExitCode.PERMANENT))
+"""The same input fails again, so the Job fails at once."""
+GRACE_PERIOD_S = 10
+"""Between SIGTERM and SIGKILL."""
+PROBE_PERIOD_S = 1
+PROBE_TIMEOUT_S = 2
+PROBE_FAILURES = 120
+"""Seconds that a user's function may take to load."""

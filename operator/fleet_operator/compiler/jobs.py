@@ -1,0 +1,126 @@
+"""Builder of Jobs: one pod that is tried again, but not when its input is at fault."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from fleet_operator.compiler import defaults
+from fleet_operator.compiler.target import Target
+from fleet_operator.resources import names
+from fleet_operator.resources.roles import LOWEST_LEVEL, Role
+
+Manifest = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Whose Job it is.
+
+    Args:
+        name: Name of the Job.
+        role: What it does.
+        level: Scheduling level 0..10; 0 is suspended.
+        mission: Its mission; 0 is before the first.
+        agent, subset: Whom it serves; "" when nobody.
+    """
+
+    name: str
+    role: Role
+    level: int
+    mission: int = 0
+    agent: str = ""
+    subset: str = ""
+
+
+def labels(target: Target, identity: Identity) -> dict[str, str]:
+    """Labels of the objects of one Job."""
+    own = {
+        names.MISSION_LABEL: str(identity.mission) if identity.mission else "",
+        names.ROLE_LABEL: identity.role.value,
+        names.AGENT_LABEL: identity.agent,
+        names.SUBSET_LABEL: identity.subset,
+        names.LEVEL_LABEL: str(identity.level),
+    }
+    shown = {key: names.label_value(value) for key, value in own.items() if value}
+    return {
+        **fleet_labels(target.spec.name),
+        "app.kubernetes.io/component": names.main_container(identity.role),
+    } | shown
+
+
+def fleet_labels(fleet: str) -> dict[str, str]:
+    """Labels of every object of a fleet."""
+    return {
+        "app.kubernetes.io/name": names.PRODUCT,
+        "app.kubernetes.io/instance": fleet,
+        "app.kubernetes.io/part-of": names.PRODUCT,
+        "app.kubernetes.io/managed-by": names.MANAGER,
+        names.FLEET_LABEL: names.label_value(fleet),
+    }
+
+
+def job(target: Target, identity: Identity, main: Manifest, sidecars: Sequence[Manifest] = ()) -> Manifest:
+    """A Job of one pod; exit codes that say "the same input fails again" end it at once.
+
+    podFailurePolicy needs restartPolicy Never (Kubernetes, "Pod failure policy"). A pod that was evicted or preempted
+    does not count as a failure.
+    """
+    shown = labels(target, identity)
+    return {
+        "apiVersion": "batch/v1",
+        "kind": "Job",
+        "metadata": {"name": identity.name, "namespace": target.spec.metadata.namespace, "labels": shown},
+        "spec": {
+            "suspend": identity.level == LOWEST_LEVEL,
+            "backoffLimit": target.fleet.missions.agent_retries,
+            "podFailurePolicy": {
+                "rules": [
+                    {
+                        "action": "FailJob",
+                        "onExitCodes": {
+                            "containerName": main["name"],
+                            "operator": "In",
+                            "values": list(defaults.PERMANENT_EXIT_CODES),
+                        },
+                    },
+                    {"action": "Ignore", "onPodConditions": [{"type": "DisruptionTarget", "status": "True"}]},
+                ]
+            },
+            "template": {"metadata": {"labels": dict(shown)}, "spec": _pod(target, identity, main, sidecars)},
+        },
+    }
+
+
+def _pod(target: Target, identity: Identity, main: Manifest, sidecars: Sequence[Manifest]) -> Manifest:
+    user = target.settings.user_id
+    pod: Manifest = {
+        "restartPolicy": "Never",
+        "priorityClassName": names.priority_class(identity.level),
+        "automountServiceAccountToken": False,
+        "enableServiceLinks": False,
+        "terminationGracePeriodSeconds": defaults.GRACE_PERIOD_S,
+        "securityContext": {
+            "runAsNonRoot": True,
+            "runAsUser": user,
+            "runAsGroup": user,
+            "fsGroup": user,
+            "seccompProfile": {"type": "RuntimeDefault"},
+        },
+    }
+    if sidecars:
+        pod["initContainers"] = list(sidecars)
+    pod["containers"] = [main]
+    pod["volumes"] = [{"name": names.SCRATCH_VOLUME, "emptyDir": {}}]
+    if target.bundle:
+        pod["volumes"].append(
+            {
+                "name": names.FUNCTIONS_VOLUME,
+                "configMap": {
+                    "name": names.functions(target.spec.name, target.bundle.digest),
+                    "items": target.bundle.items(),
+                },
+            }
+        )
+    return pod

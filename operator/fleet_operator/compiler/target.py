@@ -1,0 +1,76 @@
+"""What the compiler is given: the FleetSpec, and what was decided about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from fleet.spec.functions import EvalSpec, FunctionSpec, MapSpec
+from fleet.spec.resources import Fleet, FleetSpec
+from fleet_operator.compiler.bundle import Bundle
+from fleet_operator.compiler.settings import Settings
+
+
+@dataclass(frozen=True)
+class Target:
+    """A fleet, and where it runs.
+
+    Args:
+        spec: The validated FleetSpec.
+        bundle: Function sources and other small files beside the FleetSpec.
+        settings: What the installation decides.
+        storage_uri: Address of the storage; that of the FleetSpec, or the installation's, when empty.
+    """
+
+    spec: FleetSpec
+    bundle: Bundle = field(default_factory=Bundle)
+    settings: Settings = field(default_factory=Settings)
+    storage_uri: str = ""
+
+    @property
+    def fleet(self) -> Fleet:
+        """`spec` of the FleetSpec."""
+        return self.spec.spec
+
+    @property
+    def storage(self) -> str:
+        """Address of the storage that the roles are given."""
+        return self.storage_uri or self.fleet.storage.uri or self.settings.storage_uri
+
+
+@dataclass(frozen=True)
+class UserFunction:
+    """Map() or Eval() as a server in a pod.
+
+    Args:
+        name: `map` or `eval`: container, part of the command and of the variable with the address.
+        spec: The user's function.
+        port: Where it listens.
+    """
+
+    name: str
+    spec: FunctionSpec
+    port: int
+
+
+def user_functions(target: Target) -> tuple[UserFunction, UserFunction]:
+    """Map() and Eval() of a fleet."""
+    ports = target.settings.ports
+    map_spec: MapSpec = target.fleet.map
+    eval_spec: EvalSpec = target.fleet.eval
+    return UserFunction("map", map_spec, ports.map), UserFunction("eval", eval_spec, ports.eval)
+
+
+@dataclass(frozen=True)
+class AggregatorTerms:
+    """What was decided about the aggregator of one subset.
+
+    Args:
+        subset: Key of the subset.
+        level: Scheduling level 0..9; 0 is suspended.
+        cpu_cores, memory_bytes: Its share; None leaves the default limit.
+    """
+
+    subset: str
+    level: int
+    cpu_cores: float | None = None
+    memory_bytes: int | None = None

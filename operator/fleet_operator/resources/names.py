@@ -1,0 +1,101 @@
+"""Names of everything in the cluster: the one module that makes them.
+
+Names are deterministic, valid DNS labels of at most 63 characters, and different for different things: a name that
+had to be changed to fit, or that could be read as another thing's name, ends in a hash of what it names.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+
+from fleet.spec.base import GROUP
+from fleet_operator.resources.roles import Role, TrainerTask
+
+MANAGER = "fleet-operator"
+PRODUCT = "fleet-computer"
+LONGEST = 63
+_HASH_DIGITS = 8
+
+FLEET_LABEL = f"{GROUP}/fleet"
+MISSION_LABEL = f"{GROUP}/mission"
+ROLE_LABEL = f"{GROUP}/role"
+AGENT_LABEL = f"{GROUP}/agent"
+SUBSET_LABEL = f"{GROUP}/subset"
+LEVEL_LABEL = f"{GROUP}/level"
+
+FUNCTIONS_FOLDER = "/fleet/functions"
+"""Where the user's functions are in a container."""
+FUNCTIONS_VOLUME = "functions"
+SCRATCH_FOLDER = "/tmp"
+SCRATCH_VOLUME = "tmp"
+HEALTH_PATH = "/healthz"
+
+_MISSION_PARTS = {Role.SENSOR: "sensor", Role.WORKFLOW: "workflow", Role.AGGREGATOR: "aggregator"}
+_AMBIGUOUS = re.compile(r"-(m\d{4,}-(sensor|workflow|aggregator|weigh)|train|functions)(-|$)")
+
+
+def priority_class(level: int) -> str:
+    """The PriorityClass of a level; shared by all fleets of the cluster."""
+    return f"fleet-level-{level}"
+
+
+def functions(fleet: str, digest: str) -> str:
+    """The ConfigMap with the user's functions; another content has another name."""
+    return _name(fleet, "functions", digest[:_HASH_DIGITS])
+
+
+def training_job(fleet: str) -> str:
+    """The Job that shapes the reward and trains the first SA."""
+    return _name(fleet, "train")
+
+
+def weighing_job(fleet: str, mission: int) -> str:
+    """The Job that finds weights and usefulness after a mission."""
+    return _name(fleet, mission_part(mission), "weigh")
+
+
+def mission_job(role: Role, fleet: str, mission: int, member: str) -> str:
+    """The Job of a sensor or workflow (member: the agent) or of an aggregator (member: the subset's key)."""
+    return _name(fleet, mission_part(mission), _MISSION_PARTS[role], member)
+
+
+def sensor_service(fleet: str, mission: int, agent: str) -> str:
+    """The headless Service in front of an agent's sensor; the same name as its Job."""
+    return mission_job(Role.SENSOR, fleet, mission, agent)
+
+
+def mission_part(mission: int) -> str:
+    """How a mission appears in names."""
+    return f"m{mission:04d}"
+
+
+def main_container(role: Role) -> str:
+    """The container whose end is the end of the pod."""
+    return role.value.lower()
+
+
+def label_value(text: str) -> str:
+    """A text as the value of a label: at most 63 letters, digits, `-`, `_`, `.`, alphanumeric at both ends."""
+    cleaned = re.sub(r"[^A-Za-z0-9._-]", "-", text)
+    fits = cleaned == text and len(text) <= LONGEST and re.fullmatch(r"([A-Za-z0-9](.*[A-Za-z0-9])?)?", text)
+    return text if fits else _hashed(cleaned, (text,))
+
+
+def task_name(task: TrainerTask) -> str:
+    """How a trainer's task appears to people."""
+    return {TrainerTask.TRAIN: "training", TrainerTask.WEIGH: "weighing"}[task]
+
+
+def _name(*parts: str) -> str:
+    plain = "-".join(parts)
+    cleaned = re.sub(r"[^a-z0-9-]", "-", plain.lower())
+    fits = cleaned == plain and len(plain) <= LONGEST and plain[0].isalpha() and plain[-1] != "-"
+    if fits and not _AMBIGUOUS.search(parts[0]):
+        return plain
+    return _hashed(cleaned if cleaned[0].isalpha() else f"f-{cleaned}", parts)
+
+
+def _hashed(text: str, parts: tuple[str, ...]) -> str:
+    digest = hashlib.blake2b("\0".join(parts).encode(), digest_size=_HASH_DIGITS // 2).hexdigest()
+    return f"{text[: LONGEST - _HASH_DIGITS - 1].strip('-._')}-{digest}"
