@@ -14,7 +14,7 @@ from fleet.errors import ContextError, Problem
 from fleet.spec.base import Identifier, Model, Name
 
 MANIFEST = "context.yaml"
-CONTEXT_API_VERSION = "context.fleetcomputer.io/v1alpha1"
+CONTEXT_API_VERSION: Literal["context.fleetcomputer.io/v1alpha1"] = "context.fleetcomputer.io/v1alpha1"
 FULL_SCALE_EXG = 100.0
 """Excess green that the high end of a render scale is drawn with."""
 KEYS = ("row", "column", "date")
@@ -49,7 +49,9 @@ class FeatureSpec(Model):
     name: Identifier = Field(description="Name of the column.")
     unit: str = Field(default="", description="Unit; `1` for a share or an index.")
     description: str = Field(default="", description="What was measured.")
-    attribute: bool = Field(default=False, description="Whether the sensor gives it beside the picture, as lat and lon.")
+    attribute: bool = Field(
+        default=False, description="Whether the sensor gives it beside the picture, as lat and lon."
+    )
 
 
 class RenderScale(Model):
@@ -97,9 +99,10 @@ class CubeManifest(Model):
         for name, times in Counter([*KEYS, *names]).items():
             if times > 1:
                 raise ValueError(f"features: {name!r} is a key column, or listed twice; give it another name")
-        for path, name in (("truth", self.truth), ("render.feature", self.render and self.render.feature)):
-            if name is not None and name not in names:
-                raise ValueError(f"{path}: there is no feature {name!r}; list it under features")
+        shown = self.render.feature if self.render is not None else None
+        for path, wanted in (("truth", self.truth), ("render.feature", shown)):
+            if wanted is not None and wanted not in names:
+                raise ValueError(f"{path}: there is no feature {wanted!r}; list it under features")
         if len(set(self.dates)) != len(self.dates):
             raise ValueError("dates: a date is listed twice")
         return self
@@ -136,7 +139,7 @@ def kind_of(data: bytes, where: str) -> ContextKind:
     document = _document(data, where)
     kind = document.get("kind")
     try:
-        return ContextKind(kind)
+        return ContextKind(str(kind))
     except ValueError as error:
         hint = "write kind: AutonomyCube"
         message = "is missing" if kind is None else f"there is no kind of context {kind!r}"

@@ -83,17 +83,31 @@ def mean_colour(look: Appearance) -> NDArray[np.float64]:
     """
     exg = min(max(look.exg, -400.0), 400.0)
     luma = min(max(look.brightness, 0.0), 1.0) * 255.0
-    # R = L + up d - half E and B = L - down d - half E must stay in range, and so must G.
-    half, up, down = _GREEN / 2, 1 - _RED - _GREEN / 2, _RED + _GREEN / 2
-    level = luma - half * exg
-    low, high = max(-level / up, (level - 255.0) / down), min((255.0 - level) / up, level / down)
-    tint = min(max(look.tint, low), high) if low <= high else 0.0
+    down = _RED + _GREEN / 2
+    level = luma - _GREEN / 2 * exg
+    tint = _tint_within(look.tint, level, level + exg / 2)
     blue = level - down * tint
     colour = np.array([blue + tint, blue + (exg + tint) / 2, blue])
     # A shift of all three keeps the excess green; it costs brightness.
     colour += max(0.0, -float(colour.min()))
     colour -= max(0.0, float(colour.max()) - 255.0)
-    return np.clip(colour, 0.0, 255.0)
+    return np.asarray(np.clip(colour, 0.0, 255.0), dtype=np.float64)
+
+
+def _tint_within(wanted: float, level: float, green: float) -> float:
+    """The tint nearest to the wanted one that leaves every channel in 0..255; 0 when there is none.
+
+    Args:
+        wanted: Mean of R - B.
+        level: R and B of a picture without tint.
+        green: G of a picture without tint.
+    """
+    slopes = (1 - _RED - _GREEN / 2, -(_RED + _GREEN / 2), 0.5 - _RED - _GREEN / 2)  # of R, B and G
+    low, high = -255.0, 255.0
+    for value, slope in zip((level, level, green), slopes, strict=True):
+        ends = sorted((-value / slope, (255.0 - value) / slope))
+        low, high = max(low, ends[0]), min(high, ends[1])
+    return min(max(wanted, low), high) if low <= high else 0.0
 
 
 def _room(mean: NDArray[np.float64], deviation: NDArray[np.float64]) -> float:
@@ -117,10 +131,9 @@ def _pattern(seed: int) -> NDArray[np.float64]:
     """Squared distance of each pixel to the nearest plant, [SIZE, SIZE]; plants stand in rows, not quite evenly."""
     down = np.arange(_ROW_PX // 2, SIZE, _ROW_PX)
     along = np.arange(_PLANT_PX // 2, SIZE, _PLANT_PX)
-    rows, columns = (part.ravel() for part in np.meshgrid(down, along, indexing="ij"))
-    jitter = (_noise(seed, 2 * rows.size) >> np.uint64(11)).astype(np.float64) * 2.0**-53 - 0.5
-    rows = rows + 2.0 * jitter[: rows.size]
-    columns = columns + 4.0 * jitter[rows.size :]
+    jitter = (_noise(seed, 2 * down.size * along.size) >> np.uint64(11)).astype(np.float64) * 2.0**-53 - 0.5
+    rows = np.repeat(down, along.size) + 2.0 * jitter[: jitter.size // 2]
+    columns = np.tile(along, down.size) + 4.0 * jitter[jitter.size // 2 :]
     pixel = np.arange(SIZE)
     vertical = (pixel[:, None] - rows) ** 2
     horizontal = (pixel[:, None] - columns) ** 2

@@ -1,7 +1,7 @@
 """Parquet files of an autonomy cube; the only door to pyarrow.
 
-features.parquet has `row`, `column` (whole numbers), `date` (text or date32) and one column of numbers for each feature;
-pictures.parquet has the same three, `media_type` (text) and `data` (binary). Other columns are not read.
+features.parquet has `row`, `column` (whole numbers), `date` (text or date32) and a column of numbers for each
+feature; pictures.parquet has the same three, `media_type` (text) and `data` (binary). Other columns are not read.
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ def _open(data: bytes, file: str) -> pa.Table:
     try:
         table = pq.read_table(pa.BufferReader(data), page_checksum_verification=True, use_threads=False)
         table.validate(full=True)
-    except Exception as error:  # noqa: BLE001 - see above: every one of them means that the file is broken
+    except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise TableError([Problem(file, f"is not Parquet that can be read: {reason[:200]}")]) from error
     return table

@@ -10,7 +10,7 @@ from fleet.clock import Clock
 from fleet.contexts.base import Environment, Observation
 from fleet.drivers.port import OutOfStep, Telemetry
 from fleet.errors import DriverError
-from fleet.functions.wire import environment_from_wire, observation_from_wire
+from fleet.functions.wire import decode_environment, decode_observation
 
 _FIRST_PAUSE_S = 0.05
 _LONGEST_PAUSE_S = 2.0
@@ -39,7 +39,7 @@ class SensorClient:
 
     def environment(self) -> Environment:
         """Where the mission flies."""
-        return environment_from_wire(self._call("GET", "/environment"))
+        return decode_environment(self._call("GET", "/environment"))
 
     def act(self, number: int, command: str) -> Telemetry:
         """Carry out a command; see `Driver.act`."""
@@ -47,7 +47,7 @@ class SensorClient:
 
     def sense(self, executed: int) -> Observation:
         """Sense in the current state; see `Driver.sense`."""
-        return observation_from_wire(self._call("POST", "/sense", {"executed": executed}))
+        return decode_observation(self._call("POST", "/sense", {"executed": executed}))
 
     def release(self) -> None:
         """Tell the sensor role that the mission is over; one that is gone already is fine."""

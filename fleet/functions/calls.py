@@ -6,12 +6,14 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from traceback import extract_tb
 from typing import Any, TypeVar
 
 from fleet.clock import Clock
 from fleet.errors import CallSite, FunctionError
 from fleet.functions.checks import AnswerError
 from fleet.functions.compose import ExtractorError
+from fleet.functions.resolve import is_users
 
 T = TypeVar("T")
 _FIRST_PAUSE_S = 0.1
@@ -111,17 +113,14 @@ def failure_of(error: BaseException, traceback: str = "") -> Failure:
 
 
 def _raised(kind: str, where: str, message: str) -> str:
-    return f"raised {kind}{where}{f': {message}' if message else ''}; correct the function"
+    return f"raised {kind}{where}{f': {message}' if message else ''}; correct the function, or what it is given"
 
 
 def _where(error: BaseException | None) -> str:
-    """File and line where an exception arose; "" for an exception that was not raised."""
+    """Deepest line of the user's own code where an exception arose; "" when there is none."""
     trace = error.__traceback__ if error is not None else None
-    if trace is None:
-        return ""
-    while trace.tb_next is not None:
-        trace = trace.tb_next
-    return f" at {Path(trace.tb_frame.f_code.co_filename).name} line {trace.tb_lineno}"
+    own = [frame for frame in extract_tb(trace) if is_users(Path(frame.filename))]
+    return f" at {Path(own[-1].filename).name} line {own[-1].lineno}" if own else ""
 
 
 def _final(failure: Failure, tries: int, site: CallSite) -> FunctionError:

@@ -21,9 +21,6 @@ from fleet.functions.compose import Feature, extractor
 from fleet.functions.contract import SSV
 from fleet.functions.vision import Picture, laplacian_variance, picture_of
 
-EXTRACTOR_VERSION = "1"
-"""Changes whenever a built-in extractor may answer another value for the same picture."""
-
 EXTINCTION = 0.5
 """Share of light that a leaf layer takes at nadir when leaves point everywhere alike (spherical distribution)."""
 MAX_LAI = 10.0

@@ -8,14 +8,23 @@ import importlib
 import inspect
 import sys
 import sysconfig
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from fleet.errors import CallSite, FunctionError
 from fleet.functions.compose import ComposedMap
-from fleet.functions.extractors import EXTRACTOR_VERSION
+
+EXTRACTOR_VERSION = "1"
+"""Changes whenever a built-in extractor may answer another value for the same picture."""
+_PYTHONS = frozenset(
+    Path(path).resolve()
+    for name, path in sysconfig.get_paths().items()
+    if name in ("stdlib", "platstdlib", "purelib", "platlib")
+)
+"""Folders of Python itself and of installed packages."""
+_OWN = Path(__file__).resolve().parents[1]
 
 
 def resolve(reference: str) -> Callable[..., Any]:
@@ -81,9 +90,8 @@ def _import(module_name: str, site: CallSite) -> ModuleType:
 
 def _places() -> str:
     """The folders of sys.path that are the user's: neither Python's own nor installed packages."""
-    own = tuple(str(Path(path).resolve()) for path in sysconfig.get_paths().values())
-    folders = [str(Path(entry or ".").resolve()) for entry in sys.path]
-    mine = [folder for folder in folders if not folder.startswith(own) and not folder.endswith(".zip")]
+    folders = [Path(entry or ".").resolve() for entry in sys.path]
+    mine = [str(folder) for folder in folders if folder.is_dir() and not _within(folder, _PYTHONS)]
     return ", ".join(dict.fromkeys(mine)) or "no folder but Python's own; set PYTHONPATH to the function's folder"
 
 
@@ -115,7 +123,7 @@ def _gather(module: ModuleType | None, folder: Path | None, found: set[Path]) ->
         return
     path = Path(file).resolve()
     folder = folder or path.parent
-    if path in found or folder not in path.parents or _is_installed(path):
+    if path in found or folder not in path.parents or not is_users(path):
         return
     found.add(path)
     for value in list(vars(module).values()):
@@ -123,7 +131,11 @@ def _gather(module: ModuleType | None, folder: Path | None, found: set[Path]) ->
         _gather(used, folder, found)
 
 
-def _is_installed(path: Path) -> bool:
-    """Whether a file belongs to this library or to an installed package; these have versions of their own."""
-    own = Path(__file__).resolve().parents[1]
-    return own in path.parents or any(part in ("site-packages", "dist-packages") for part in path.parts)
+def is_users(path: Path) -> bool:
+    """Whether a source file is the user's: of this library, of Python and of installed packages it is not."""
+    path = path.resolve()
+    return path.is_file() and not _within(path, {*_PYTHONS, _OWN})
+
+
+def _within(path: Path, folders: Set[Path]) -> bool:
+    return any(folder == path or folder in path.parents for folder in folders)

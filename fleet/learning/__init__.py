@@ -1,0 +1,1 @@
+"""State-to-action and history-to-action models, reward shaping, training."""

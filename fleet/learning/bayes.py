@@ -6,6 +6,7 @@ Ginsbourger, Le Riche, Carraro: Kriging is well-suited to parallelize optimizati
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from fleet.errors import TrainingError
 from fleet.randomness import named_seed
@@ -50,17 +52,17 @@ class Dimension:
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
-    """Without skopt's warnings, and on one thread.
+def _library() -> Iterator[Any]:
+    """skopt without its warnings, and on one thread.
 
     skopt 0.10 uses names that scikit-learn and numpy have deprecated, and warns where it clips a length scale. Its
     matrices are small: more threads only wait for each other, and would make sums depend on the number of cores.
     """
-    from threadpoolctl import threadpool_limits
-
     with warnings.catch_warnings(), threadpool_limits(1):
         warnings.simplefilter("ignore")
-        yield
+        import skopt  # noqa: PLC0415 - takes a second to load; only roles that shape or weigh pay for it
+
+        yield skopt
 
 
 class Optimiser:
@@ -104,59 +106,46 @@ class Optimiser:
         if not free:
             return [tuple(self._value(index, dimension.low) for index, dimension in enumerate(self.dimensions))] * count
         told = len(self.losses)
-        with _quiet():
-            chosen = self._spread(free)[told : told + count] if told < self._initial else []
+        with _library() as skopt:
+            space = skopt.Space(self._ranges(skopt, free))
+            chosen = self._spread(skopt, space)[told : told + count] if told < self._initial else []
             if len(chosen) < count:
-                chosen = chosen + self._improving(free, chosen, count - len(chosen))
+                chosen = chosen + self._improving(skopt, space, chosen, count - len(chosen))
         return [self._whole(free, values) for values in chosen]
 
-    def _spread(self, free: list[int]) -> list[list[float]]:
-        from skopt.sampler import Lhs
+    def _spread(self, skopt: Any, space: Any) -> list[list[float]]:
+        hypercube = skopt.sampler.Lhs(criterion=None)
+        return list(hypercube.generate(space, self._initial, random_state=named_seed(self._seed, "spread")))
 
-        spread = Lhs(criterion=None).generate(
-            self._space(free), self._initial, random_state=named_seed(self._seed, "spread")
-        )
-        return [list(values) for values in spread]
-
-    def _improving(self, free: list[int], pending: list[list[float]], count: int) -> list[list[float]]:
+    def _improving(self, skopt: Any, space: Any, pending: list[list[float]], count: int) -> list[list[float]]:
         """Points of the greatest expected improvement; those still open count as the least loss that is known.
 
         The process is fitted to what was told; the points of one batch share its kernel.
         """
+        free = [index for index, dimension in enumerate(self.dimensions) if not dimension.fixed]
         points: list[list[float]] = [[point[index] for index in free] for point in self.points] + pending
         lie = min(self.losses, default=0.0)
         losses = self.losses + [lie] * len(pending)
         if len(points) < 2:
-            return self._random(free, count)
+            return list(space.rvs(count, random_state=named_seed(self._seed, "random")))
         process: Any = "GP"
         chosen: list[list[float]] = []
         for number in range(count):
-            optimiser = self._skopt(free, process, f"ask/{len(self.losses)}/{number}")
+            optimiser = skopt.Optimizer(
+                space.dimensions, base_estimator=process, acq_func="EI", acq_optimizer="lbfgs", n_initial_points=1,
+                acq_optimizer_kwargs={"n_points": 2000, "n_restarts_optimizer": 3},
+                random_state=named_seed(self._seed, f"ask/{len(self.losses)}/{number}"),
+            )  # fmt: skip
             optimiser.tell(points + chosen, losses + [lie] * len(chosen))
             chosen.append(list(optimiser.ask()))
             if number == 0:
                 process = optimiser.models[-1].set_params(kernel=optimiser.models[-1].kernel_, optimizer=None)
         return chosen
 
-    def _random(self, free: list[int], count: int) -> list[list[float]]:
-        from skopt.space import Space
-
-        return [list(p) for p in Space(self._space(free)).rvs(count, random_state=named_seed(self._seed, "random"))]
-
-    def _skopt(self, free: list[int], process: Any, purpose: str) -> Any:
-        import skopt
-
-        return skopt.Optimizer(
-            self._space(free), base_estimator=process, acq_func="EI", acq_optimizer="lbfgs", n_initial_points=1,
-            acq_optimizer_kwargs={"n_points": 2000, "n_restarts_optimizer": 3},
-            random_state=named_seed(self._seed, purpose),
-        )  # fmt: skip
-
-    def _space(self, free: list[int]) -> list[Any]:
-        from skopt.space import Integer, Real
-
+    def _ranges(self, skopt: Any, free: list[int]) -> list[Any]:
         chosen = [self.dimensions[index] for index in free]
-        return [Integer(int(d.low), int(d.high)) if d.integer else Real(d.low, d.high) for d in chosen]
+        real, integer = skopt.space.Real, skopt.space.Integer
+        return [integer(int(d.low), int(d.high)) if d.integer else real(d.low, d.high) for d in chosen]
 
     def _whole(self, free: list[int], values: Sequence[float]) -> Point:
         """The free values with the fixed ones between them, as plain numbers within their ranges."""
@@ -191,21 +180,19 @@ def expected_improvement(
     Source: Jones, Schonlau, Welch: Efficient global optimization, 1998; with noise the least posterior mean stands
         for the least loss (Picheny et al., A benchmark of kriging-based infill criteria for noisy optimization, 2013).
     """
-    from scipy.stats import norm
-    from skopt.learning import GaussianProcessRegressor
-    from skopt.learning.gaussian_process.kernels import ConstantKernel, Matern
-
     scale = float(np.std(losses)) or 1.0
     middle = float(np.mean(losses))
-    kernel = ConstantKernel(1.0, (1e-2, 1e2)) * Matern(1.0, (5e-2, 1e2), nu=2.5)
-    process = GaussianProcessRegressor(
-        kernel, alpha=np.maximum(noise_sd / scale, 1e-4) ** 2, n_restarts_optimizer=1, random_state=seed
-    )
-    with _quiet():
+    with _library() as skopt:
+        kernels = skopt.learning.gaussian_process.kernels
+        process = skopt.learning.GaussianProcessRegressor(
+            kernels.ConstantKernel(1.0, (1e-2, 1e2)) * kernels.Matern(1.0, (5e-2, 1e2), nu=2.5),
+            alpha=np.maximum(noise_sd / scale, 1e-4) ** 2, n_restarts_optimizer=1, random_state=seed,
+        )  # fmt: skip
         process.fit(points, (losses - middle) / scale)
         mean, deviation = process.predict(candidates, return_std=True)
         least = float(np.min(process.predict(points)))
     deviation = np.maximum(deviation, 1e-12)
-    gain = least - mean
-    z = gain / deviation
-    return np.asarray(np.maximum(gain * norm.cdf(z) + deviation * norm.pdf(z), 0.0) * scale)
+    z = (least - mean) / deviation
+    below = np.array([0.5 * math.erfc(-value / math.sqrt(2.0)) for value in z.tolist()])
+    density = np.exp(-0.5 * z**2) / math.sqrt(2.0 * math.pi)
+    return np.asarray(np.maximum((least - mean) * below + deviation * density, 0.0) * scale)

@@ -72,7 +72,7 @@ class Choices:
 
 def legal_moves(bits: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """Bits of legal moves, [n], as bool [n, len(MOVES)]."""
-    return (bits[:, None] >> np.arange(len(MOVES), dtype=np.uint8)) & 1 == 1
+    return np.asarray((bits[:, None] >> np.arange(len(MOVES), dtype=np.uint8)) & 1, dtype=np.bool_)
 
 
 def choices(trace: Traced) -> Choices:

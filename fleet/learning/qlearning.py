@@ -102,14 +102,14 @@ class QLearning:
         alpha = self.learning_rate if fit.learning_rate is None else fit.learning_rate
         low, high = self._value_range(transitions.rewards)
         before, after = self.phi(transitions.ssv), self.phi(transitions.next_ssv)
-        ends = ~transitions.next_legal.any(axis=1)
+        goes_on = np.asarray(transitions.next_legal.any(axis=1))
         masked = np.where(transitions.next_legal, 0.0, -np.inf)
-        masked[ends] = 0.0
+        masked[~goes_on] = 0.0
         moves = np.eye(len(MOVES))[transitions.moves]
         weights = self.weights.copy()
         for rows in _batches(len(transitions), fit):
             best = np.clip((after[rows] @ weights + masked[rows]).max(axis=1), low, high)
-            target = transitions.rewards[rows] + self.discount * np.where(ends[rows], 0.0, best)
+            target = transitions.rewards[rows] + self.discount * goes_on[rows] * best
             chosen = moves[rows]
             error = chosen * (target[:, None] - before[rows] @ weights)
             weights += alpha * (before[rows].T @ error) / np.maximum(chosen.sum(axis=0), 1.0)

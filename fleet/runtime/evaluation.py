@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import io
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fleet.contexts.base import Environment
 from fleet.errors import ObjectNotFound
+from fleet.functions import wire
 from fleet.functions.contract import EvalClient, Evaluation, FeatureSpace, Metrics
 from fleet.learning.reward import RewardModel
 from fleet.missions.documents import Landing, MissionEvaluation, judge
@@ -23,11 +24,15 @@ from fleet.runtime.settings import Settings
 _log = logging.getLogger(__name__)
 
 
-def evaluate_if_last(settings: Settings, environment: Callable[[], Environment], evaluator: EvalClient) -> bool:
-    """Evaluate the mission when every agent has landed and nobody has done it yet.
+def keep_environment(settings: Settings, environment: Environment) -> None:
+    """Put the mission's environment into storage, for Eval() of the whole mission; every agent has the same."""
+    path = settings.paths.environment(settings.mission)
+    if not settings.storage.exists(path):
+        settings.storage.write(path, wire.dump(wire.encode_environment(environment)))
 
-    Args:
-        environment: Gives the place that was flown over; called only when needed.
+
+def evaluate_if_last(settings: Settings, evaluator: EvalClient) -> bool:
+    """Evaluate the mission when every agent has landed and nobody has done it yet.
 
     Returns:
         Whether the mission is over.
@@ -45,7 +50,8 @@ def evaluate_if_last(settings: Settings, environment: Callable[[], Environment],
     logs = read_logs(settings, agents)
     reward = RewardModel.model_validate_json(storage.read(paths.reward))
     memories = {agent: captured_ssvs(records) for agent, records in logs.items()}
-    fs = feature_space_of(memories, reward.features, environment())
+    environment = wire.decode_environment(wire.load(storage.read(paths.environment(number))))
+    fs = feature_space_of(memories, reward.features, environment)
     metrics = Metrics(tuple(landings[agent].metrics for agent in agents))
     evaluation = evaluator.evaluate(fs, metrics)
     storage.write(paths.artefacts(number), pack_artefacts(evaluation))

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fleet.contexts.base import Environment
-from fleet.errors import MissionError, ModelError
+from fleet.errors import MissionError
 from fleet.learning.blend import blend
 from fleet.learning.history import ThresholdHA
 from fleet.learning.model import SAModel
 from fleet.learning.models import load_model
 from fleet.learning.reward import RewardModel
+from fleet.functions.contract import AgentMetrics
+from fleet.missions.accounting import agent_metrics
 from fleet.missions.documents import ModelReference
 from fleet.missions.flight import LAND, Decision, Flight
 from fleet.missions.layout import MOVES, plan_layout
@@ -29,21 +31,17 @@ class Pilot:
     Args:
         settings: Whose agent, which mission.
         environment: Where the mission flies.
-        features: Features that Map() gives.
 
     Raises:
-        ModelError: a model or the reward does not fit the features.
+        ModelError: a model cannot be loaded.
         MissionError: the mission has no weights for this agent.
     """
 
-    def __init__(self, settings: Settings, environment: Environment, features: Sequence[str]) -> None:
+    def __init__(self, settings: Settings, environment: Environment) -> None:
         fleet, order = settings.fleet, settings.order
+        self._agent = settings.agent
+        self._energy = settings.energy
         self._reward = RewardModel.model_validate_json(settings.storage.read(settings.paths.reward))
-        if self._reward.features != tuple(features):
-            raise ModelError(
-                f"the reward was shaped for the features {', '.join(self._reward.features)}, but Map() gives "
-                f"{', '.join(features)}; train again with this Map()"
-            )
         if settings.agent not in order.weights:
             raise MissionError(f"mission {order.number} has no model weights for {settings.agent}")
         self._weights = {key: weight for key, weight in order.weights[settings.agent].items() if weight > 0}
@@ -58,7 +56,7 @@ class Pilot:
             exploration=fleet.sa.flight_exploration,
         )
         first, last = layout.parts[settings.agent_index]
-        self.groups = last - first
+        self._groups = last - first
         self.odometer = Odometer(settings.energy)
         self.memory: dict[int, NDArray[np.float64]] = {}
 
@@ -70,17 +68,31 @@ class Pilot:
         """
         for record in records:
             ssv = np.array(record.ssv) if record.captured else None
-            replayed = self.visit(ssv)
-            if record.move == LAND and not self.flight.landed:
-                self.flight.land()
-            elif (replayed.cell, replayed.action) != (record.cell, record.action):
+            landed = record.move == LAND
+            replayed = self.visit(ssv, finished=lambda landed=landed: landed)  # type: ignore[misc]  # lambda's default
+            if (replayed.cell, replayed.action) != (record.cell, record.action):
                 raise MissionError(
                     f"step {record.step} of the log says {record.action} in cell {record.cell}, but this FleetSpec, "
                     f"seed and models give {replayed.action} in cell {replayed.cell}; start a new run"
                 )
 
-    def visit(self, ssv: NDArray[np.float64] | None) -> Record:
+    @property
+    def features(self) -> tuple[str, ...]:
+        """Features of the SSV that the reward and the models expect."""
+        return self._reward.features
+
+    @property
+    def metrics(self) -> AgentMetrics:
+        """What the agent has done and spent so far, as if it landed here."""
+        explored = self.flight.groups_explored
+        return agent_metrics(self._agent, self.odometer.counts, self._energy, self._groups, explored)
+
+    def visit(self, ssv: NDArray[np.float64] | None, finished: Callable[[], bool] | None = None) -> Record:
         """Take in the current state's SSV (None when it is not captured), and decide.
+
+        Args:
+            ssv: State-space vector, float64 [features].
+            finished: Eval() of what was captured so far; see `Flight.arrive`.
 
         Returns:
             The record of this state; it must be durable before its action is carried out.
@@ -93,7 +105,7 @@ class Pilot:
             odometer.capture()
         time_s, energy_j = odometer.time_s, odometer.energy_j
         reward = float(self._reward.reward(ssv[None])[0]) if ssv is not None else 0.0
-        decision = flight.decide(lambda: self._scores(cell), reward)
+        decision = flight.decide(lambda: self._scores(cell), reward, finished)
         if decision.legal:
             odometer.decide()
         if decision.move != LAND:

@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleet.clock import Clock
+from fleet.contexts.base import Environment, Observation
 from fleet.drivers.client import SensorClient
 from fleet.drivers.port import Manoeuvre, OutOfStep
-from fleet.errors import DriverError, FleetError, ObjectNotFound
+from fleet.errors import DriverError, ExitCode, FleetError, ModelError, ObjectNotFound
 from fleet.functions.clients import open_eval, open_map
-from fleet.functions.contract import AgentMetrics, EvalClient, MapClient
-from fleet.missions.accounting import agent_metrics
+from fleet.functions.contract import AgentMetrics, EvalClient, MapClient, Metrics
 from fleet.missions.documents import Landing
 from fleet.missions.records import Record, read_log
-from fleet.runtime.evaluation import evaluate_if_last, feature_space_of
+from fleet.runtime.evaluation import evaluate_if_last, feature_space_of, keep_environment
 from fleet.runtime.pilot import Pilot
 from fleet.runtime.settings import Settings
 from fleet.spec.functions import EvalChecks
@@ -29,108 +29,106 @@ _log = logging.getLogger(__name__)
 _OUT_OF_STEP_TRIES = 10
 
 
-class Workflow:
-    """Flies one agent's mission.
+def run_workflow(settings: Settings, clock: Clock) -> None:
+    """Fly one agent's mission to its end, or go on after a restart; evaluate the mission when all have landed.
 
-    Args:
-        settings: Whose agent, which mission, where its sensor, Map() and Eval() are.
-        clock: Waits between tries.
+    Raises:
+        FleetError: the agent could not go on. When it never can (`ExitCode.PERMANENT`), a landing that says why is in
+            storage before this is raised, and the other agents fly on.
     """
+    storage, landing_path = settings.storage, settings.paths.landing(settings.mission, settings.agent)
+    sensor = SensorClient(settings.sensor_url, clock)
+    evaluator = open_eval(settings.fleet.eval, settings.eval_url)
+    failure: FleetError | None = None
+    if not storage.exists(landing_path):
+        landing, failure = _fly(settings, sensor, evaluator)
+        storage.write(landing_path, landing.model_dump_json(by_alias=True, indent=1).encode())
+        _log.info("%s has landed after %d states", settings.agent, landing.metrics.steps)
+    evaluate_if_last(settings, evaluator)
+    sensor.release()
+    if failure is not None:
+        raise failure
 
-    def __init__(self, settings: Settings, clock: Clock) -> None:
+
+def _fly(settings: Settings, sensor: SensorClient, evaluator: EvalClient) -> tuple[Landing, FleetError | None]:
+    """Fly; a failure that no restart can heal becomes a landing."""
+    metrics = AgentMetrics(settings.agent)
+    try:
+        environment = sensor.environment()
+        keep_environment(settings, environment)
+        pilot = Pilot(settings, environment)
+        try:
+            _Loop(settings, sensor, evaluator, environment, pilot).fly()
+        finally:
+            metrics = pilot.metrics
+    except FleetError as error:
+        if error.exit_code != ExitCode.PERMANENT:
+            raise
+        return Landing(agent=settings.agent, failed=True, message=str(error), metrics=metrics), error
+    return Landing(agent=settings.agent, metrics=metrics), None
+
+
+class _Loop:
+    """The loop of one flight between a vehicle, Map(), a pilot and the log."""
+
+    def __init__(
+        self, settings: Settings, sensor: SensorClient, evaluator: EvalClient, environment: Environment, pilot: Pilot
+    ) -> None:
         self._settings = settings
-        self._storage = settings.storage
-        self._log_path = settings.paths.log(settings.mission, settings.agent)
-        self._landing_path = settings.paths.landing(settings.mission, settings.agent)
-        self._sensor = SensorClient(settings.sensor_url, clock)
+        self._sensor = sensor
+        self._evaluator = evaluator
+        self._environment = environment
+        self._pilot = pilot
         self._map: MapClient = open_map(settings.fleet.map, settings.map_url)
-        self._eval: EvalClient = open_eval(settings.fleet.eval, settings.eval_url)
         self._records: list[Record] = []
 
-    def run(self) -> None:
-        """Fly to the end, or go on after a restart; then evaluate the mission if every other agent has landed.
-
-        Raises:
-            FleetError: the agent could not go on; if it never can, its failure is in storage before this is raised.
-        """
-        failure: FleetError | None = None
-        if not self._storage.exists(self._landing_path):
-            failure = self._fly_or_give_up()
-        evaluate_if_last(self._settings, self._sensor.environment, self._eval)
-        self._sensor.release()
-        if failure is not None:
-            raise failure
-
-    def _fly_or_give_up(self) -> FleetError | None:
-        try:
-            metrics = self._fly()
-        except FleetError as error:
-            if error.exit_code != error.exit_code.PERMANENT:
-                raise
-            self._land(Landing(agent=self._settings.agent, failed=True, message=str(error), metrics=self._metrics()))
-            return error
-        self._land(Landing(agent=self._settings.agent, metrics=metrics))
-        return None
-
-    def _fly(self) -> AgentMetrics:
-        environment = self._sensor.environment()
-        self._environment = environment
-        self._pilot: Pilot | None = None
-        self._records = list(self._read_records())
-        pilot = self._pilot = Pilot(self._settings, environment, self._map.features, self._is_finished)
-        pilot.replay(self._records)
-        while not pilot.flight.landed:
-            record = pilot.visit(self._observe(pilot))
-            self._storage.append(self._log_path, record.to_line())
+    def fly(self) -> None:
+        path = self._settings.paths.log(self._settings.mission, self._settings.agent)
+        self._records += _read_log(self._settings, path)
+        self._pilot.replay(self._records)
+        checks = self._settings.fleet.eval.checks is EvalChecks.AFTER_GROUP
+        while not self._pilot.flight.landed:
+            record = self._pilot.visit(self._observe(), self._is_finished if checks else None)
+            self._settings.storage.append(path, record.to_line())
             self._records.append(record)
         self._say_last_command()
-        return self._metrics()
 
-    def _read_records(self) -> tuple[Record, ...]:
-        try:
-            return read_log(self._storage.read(self._log_path))
-        except ObjectNotFound:
-            return ()
-
-    def _observe(self, pilot: Pilot) -> NDArray[np.float64] | None:
+    def _observe(self) -> NDArray[np.float64] | None:
         """Carry out the last decision, then sense and map the state that it led to, where that is wanted."""
+        observation = self._reach_and_sense()
+        if observation is None:
+            return None
+        ssv = self._map.map(observation, self._settings.agent)
+        if self._map.features != self._pilot.features:
+            raise ModelError(
+                f"the reward was shaped for the features {', '.join(self._pilot.features)}, but Map() gives "
+                f"{', '.join(self._map.features)}; train again with this Map()"
+            )
+        return ssv
+
+    def _reach_and_sense(self) -> Observation | None:
         for _ in range(_OUT_OF_STEP_TRIES):
             try:
                 self._say_last_command()
-                if not pilot.flight.wants_capture():
+                if not self._pilot.flight.wants_capture():
                     return None
-                observation = self._sensor.sense(executed=len(self._records) + 1)
-                break
-            except OutOfStep:  # the sensor role was started again: it is where the log says, one command behind
-                _log.info("%s: the sensor was restarted; saying command %d again", self._settings.agent, len(self._records))
-        else:
-            raise DriverError("the sensor never got to where the log says that the vehicle is")
-        return self._map.map(observation, self._settings.agent)
+                return self._sensor.sense(executed=len(self._records) + 1)
+            except OutOfStep:  # the sensor role was started again: it is one command behind, where the log says
+                _log.info("the sensor was started again; saying command %d again", len(self._records))
+        raise DriverError("the sensor does not get to where the log says that the vehicle is; see the sensor's log")
 
     def _say_last_command(self) -> None:
         command = self._records[-1].action if self._records else str(Manoeuvre.TAKE_OFF)
         self._sensor.act(len(self._records), command)
 
     def _is_finished(self) -> bool:
-        """Ask Eval() about this agent's part; only where the FleetSpec wants that in flight."""
-        if self._settings.fleet.eval.checks is not EvalChecks.AFTER_GROUP or self._pilot is None:
-            return False
-        fs = feature_space_of({self._settings.agent: self._pilot.memory}, self._map.features, self._environment)
-        metrics = Metrics((self._metrics(),))
-        return self._eval.evaluate(fs, metrics, self._settings.agent).finished
+        """Ask Eval() about this agent's part."""
+        fs = feature_space_of({self._settings.agent: self._pilot.memory}, self._pilot.features, self._environment)
+        return self._evaluator.evaluate(fs, Metrics((self._pilot.metrics,)), self._settings.agent).finished
 
-    def _metrics(self) -> AgentMetrics:
-        pilot = getattr(self, "_pilot", None)
-        if pilot is None:
-            return AgentMetrics(self._settings.agent)
-        return agent_metrics(
-            self._settings.agent,
-            pilot.odometer.counts,
-            self._settings.energy,
-            pilot.groups,
-            pilot.flight.groups_explored,
-        )
 
-    def _land(self, landing: Landing) -> None:
-        self._storage.write(self._landing_path, landing.model_dump_json(by_alias=True, indent=1).encode())
-        _log.info("%s: %s", self._settings.agent, f"failed: {landing.message}" if landing.failed else "landed")
+def _read_log(settings: Settings, path: str) -> tuple[Record, ...]:
+    try:
+        return read_log(settings.storage.read(path))
+    except ObjectNotFound:
+        return ()

@@ -16,6 +16,7 @@ class LayoutArrays(NamedTuple):
     """The same as a `Layout`.
 
     Args:
+        rows, columns: Size of the grid.
         group_of: Group of each cell, int32 [cells]; -1 without data.
         row, column: Of each cell, int32 [cells].
         members: Cells of all groups, one group after the other, int32 [cells with data].
@@ -26,10 +27,12 @@ class LayoutArrays(NamedTuple):
             uint8 [sets, cells].
         deltas: What each move adds to a cell's number, int64 [8].
         compass: Moves that lead one row down, one row up, one column on, one column back, int64 [4].
-        highest_move: One more than the highest move of any agent.
+        width: One more than the highest move that any agent has: moves from there on need no look.
         capture_in_transit: Whether cells on the way to the next group are captured.
     """
 
+    rows: int
+    columns: int
     group_of: NDArray[np.int32]
     row: NDArray[np.int32]
     column: NDArray[np.int32]
@@ -42,7 +45,7 @@ class LayoutArrays(NamedTuple):
     inside: NDArray[np.uint8]
     deltas: NDArray[np.int64]
     compass: NDArray[np.int64]
-    highest_move: int
+    width: int
     capture_in_transit: bool
 
 
@@ -63,6 +66,8 @@ def _build(layout: Layout) -> LayoutArrays:
     sets = sorted(set(layout.actions))
     steps = [grid.step(action) for action in MOVES]
     return LayoutArrays(
+        rows=grid.rows,
+        columns=grid.columns,
         group_of=layout.group_of.astype(np.int32),
         row=cells // np.int32(grid.columns),
         column=cells % np.int32(grid.columns),
@@ -75,7 +80,7 @@ def _build(layout: Layout) -> LayoutArrays:
         inside=np.stack([_inside(grid, layout.group_of, actions) for actions in sets]),
         deltas=np.array([rows * grid.columns + columns for rows, columns in steps], dtype=np.int64),
         compass=np.array([steps.index(step) for step in ((1, 0), (-1, 0), (0, 1), (0, -1))], dtype=np.int64),
-        highest_move=max(max(actions, default=0) for actions in sets) + 1,
+        width=max(max(actions, default=0) for actions in sets) + 1,
         capture_in_transit=layout.capture_in_transit,
     )
 
@@ -90,3 +95,37 @@ def _inside(grid: Grid, group_of: NDArray[np.int64], actions: tuple[int, ...]) -
         there = padded[1 + rows : 1 + rows + grid.rows, 1 + columns : 1 + columns + grid.columns]
         bits |= ((there == here) & (here >= 0)).astype(np.uint8) << np.uint8(move)
     return bits.ravel()
+
+
+class BatchArrays(NamedTuple):
+    """The same as a `Batch`, with orders of preference for scores: uint32 [P, cells], three bits a move."""
+
+    orders: NDArray[np.uint32]
+    table: NDArray[np.int64]
+    rewards: NDArray[np.float64]
+    reward_of: NDArray[np.int64]
+    utility_thresholds: NDArray[np.float64]
+    visited_thresholds: NDArray[np.int64]
+    exploration: NDArray[np.float64]
+    missions: NDArray[np.int64]
+    seed: np.uint64
+
+
+class FlownArrays(NamedTuple):
+    """The arrays of `Flown`."""
+
+    captured: NDArray[np.bool_]
+    moves: NDArray[np.int64]
+    captures: NDArray[np.int64]
+    decisions: NDArray[np.int64]
+    steps: NDArray[np.int64]
+    groups_explored: NDArray[np.int64]
+
+
+class TraceArrays(NamedTuple):
+    """The arrays of `Trace`."""
+
+    cell: NDArray[np.int32]
+    captured: NDArray[np.bool_]
+    legal: NDArray[np.uint8]
+    move: NDArray[np.int8]

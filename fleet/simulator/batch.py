@@ -177,6 +177,6 @@ def fly(layout: Layout, batch: Batch, traced: bool = False, finished: Finished |
         MissionError: the batch does not fit the layout.
     """
     batch.check(layout)
-    from fleet.simulator import kernel  # noqa: PLC0415 - numba loads only in roles that fly
+    from fleet.simulator import fast  # noqa: PLC0415 - numba loads only in roles that fly
 
-    return kernel.fly(layout, batch, traced, finished)
+    return fast.fly(layout, batch, traced, finished)

@@ -14,6 +14,10 @@ VERSION = "v1alpha1"
 API_VERSION: Literal["fleetcomputer.io/v1alpha1"] = "fleetcomputer.io/v1alpha1"
 
 
+POWERSET_LIMIT = 8
+"""Agents up to which every subset has a model: 255 models."""
+ABSOLUTE_LIMIT = 4
+"""Agents up to which usefulness is absolute by default."""
 MAX_SEED = 2**53 - 1
 """The largest whole number that every JSON reader keeps exactly."""
 
@@ -52,6 +56,7 @@ _SUFFIX: dict[str, Decimal] = {
 QUANTITY_PATTERN = r"^[0-9]+(\.[0-9]+)?(m|k|M|G|T|Ki|Mi|Gi|Ti)?$"
 DURATION_PATTERN = r"^([0-9]+(\.[0-9]+)?(ms|s|m|h))+$"
 NAME_PATTERN = r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?$"
+NODE_PATTERN = r"^[a-z0-9]([-.a-z0-9]*[a-z0-9])?$"
 FUNCTION_PATTERN = r"^[A-Za-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)*:[A-Za-z_][A-Za-z0-9_]*$"
 METRIC_PATTERN = r"^[a-z][a-z0-9_]*$"
 _SECONDS = {"ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0}
@@ -75,7 +80,8 @@ def duration_s(text: str) -> float:
 def _as_text(value: Any) -> Any:
     """YAML reads `cpu: 2` as a number; a quantity is a text. Kubernetes takes whole numbers only."""
     if isinstance(value, float):
-        raise ValueError(f"{value} is a number with a fraction; write it as a quantity: {value * 1000:.0f}m")  # noqa: TRY004 - pydantic wants ValueError
+        hint = f'{value} is a number with a fraction; write it as a text: "{value}"'
+        raise ValueError(hint)  # noqa: TRY004 - pydantic reports a ValueError; a TypeError would end validation
     return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
@@ -99,6 +105,7 @@ Duration = Annotated[
     str, AfterValidator(_check_duration), Field(max_length=32, json_schema_extra={"pattern": DURATION_PATTERN})
 ]
 Name = Annotated[str, Field(pattern=NAME_PATTERN, min_length=1, max_length=40)]
+NodeName = Annotated[str, Field(pattern=NODE_PATTERN, min_length=1, max_length=253)]
 Identifier = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", min_length=1, max_length=63)]
 FunctionReference = Annotated[str, Field(pattern=FUNCTION_PATTERN, max_length=253)]
 MetricName = Annotated[str, Field(pattern=METRIC_PATTERN, min_length=1, max_length=63)]
@@ -135,6 +142,18 @@ class Metadata(BaseModel):
     annotations: dict[str, str] = {}
     uid: str = ""
     generation: int = 0
+
+
+class MissionMetadata(Metadata):
+    """Metadata of a Mission: its name is longer than that of its fleet."""
+
+    name: Annotated[str, Field(pattern=NAME_PATTERN, min_length=1, max_length=63)]
+
+
+class NodeMetadata(Metadata):
+    """Metadata of an EdgeNode: named like the node, which may be a host name with dots."""
+
+    name: NodeName
 
 
 class Condition(Model):

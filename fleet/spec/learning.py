@@ -97,9 +97,11 @@ class OnlineLearning(Model):
         default=WeightLearner.EXPECTED_IMPROVEMENT, description="How each agent's weights over the models are found."
     )
     replays: int = Field(
-        default=16, description="Replays of the mission's own records as cheaper observations of the weights; 0 for none.",
-        ge=0, le=1024,
-    )  # fmt: skip
+        default=16,
+        description="Replays of the mission's own records as cheaper observations of the weights; 0 for none.",
+        ge=0,
+        le=1024,
+    )
     replay_noise: Positive = Field(
         default=2.0, description="Standard deviation of a replay's noise, as a multiple of a mission's."
     )

@@ -7,7 +7,21 @@ from typing import Literal
 
 from pydantic import Field
 
-from fleet.spec.base import API_VERSION, Conditions, Duration, Metadata, Model, Name, Seed, named_list
+from fleet.spec.base import (
+    ABSOLUTE_LIMIT,
+    API_VERSION,
+    POWERSET_LIMIT,
+    Conditions,
+    Duration,
+    Metadata,
+    MissionMetadata,
+    Model,
+    Name,
+    NodeMetadata,
+    NodeName,
+    Seed,
+    named_list,
+)
 from fleet.spec.functions import ContextSpec, ContextUse, EvalSpec, MapSpec
 from fleet.spec.learning import HASpec, OnlineLearning, RewardShaping, SASpec, Training
 from fleet.spec.platform import (
@@ -22,10 +36,8 @@ from fleet.spec.platform import (
 from fleet.spec.swarm import Agents, Goal, StateSpace
 
 MAC_PATTERN = r"^([0-9A-Fa-f]{2}:){5}[0-9A-Fa-f]{2}$"
-IPV4_PATTERN = r"^((25[0-5]|2[0-4][0-9]|1[0-9]{2}|[1-9]?[0-9])(\.|$)){4}$"
-
-POWERSET_LIMIT = 8
-ABSOLUTE_LIMIT = 4
+_OCTET = r"(25[0-5]|2[0-4][0-9]|1[0-9]{2}|[1-9]?[0-9])"
+IPV4_PATTERN = rf"^({_OCTET}\.){{3}}{_OCTET}$"
 
 
 class Fleet(Model):
@@ -153,7 +165,7 @@ class Mission(Model):
 
     api_version: Literal["fleetcomputer.io/v1alpha1"] = API_VERSION
     kind: Literal["Mission"] = "Mission"
-    metadata: Metadata = Field(description="Kubernetes' own.", examples=["{name: my-name}"])
+    metadata: MissionMetadata = Field(description="Kubernetes' own.", examples=["{name: my-name}"])
     spec: MissionSpec = Field(description="One execution; never changes.", examples=["..."])
     status: MissionStatus | None = None
 
@@ -168,13 +180,7 @@ class NodeRole(StrEnum):
 class EdgeNodeSpec(Model):
     """`spec` of an EdgeNode: a machine that may be powered down."""
 
-    node: str = Field(
-        description="Name of the Kubernetes node.",
-        pattern=r"^[a-z0-9]([-.a-z0-9]*[a-z0-9])?$",
-        min_length=1,
-        max_length=253,
-        examples=["hub-1"],
-    )
+    node: NodeName = Field(description="Name of the Kubernetes node.", examples=["hub-1"])
     mac: str = Field(
         description="MAC address for Wake-on-LAN.", pattern=MAC_PATTERN, max_length=17, examples=["00:1a:2b:3c:4d:5e"]
     )
@@ -204,6 +210,6 @@ class EdgeNode(Model):
 
     api_version: Literal["fleetcomputer.io/v1alpha1"] = API_VERSION
     kind: Literal["EdgeNode"] = "EdgeNode"
-    metadata: Metadata = Field(description="Kubernetes' own.", examples=["{name: my-name}"])
+    metadata: NodeMetadata = Field(description="Kubernetes' own.", examples=["{name: my-name}"])
     spec: EdgeNodeSpec = Field(description="The machine.", examples=["..."])
     status: EdgeNodeStatus | None = None

@@ -62,6 +62,10 @@ class FleetPaths:
         """What every role of a mission needs to know."""
         return f"{self.mission(number)}/plan.json"
 
+    def environment(self, number: int) -> str:
+        """Where a mission flies, as its sensors said it; with the truth in replay."""
+        return f"{self.mission(number)}/environment.json"
+
     def log(self, number: int, agent: str) -> str:
         """Records of one agent's mission."""
         return f"{self.mission(number)}/agents/{agent}/log.jsonl"

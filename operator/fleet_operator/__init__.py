@@ -1,0 +1,1 @@
+"""The platform around the library: compiled objects, policies, and the local runner."""

@@ -1,0 +1,1 @@
+"""From a validated FleetSpec and decisions to Kubernetes manifests; pure."""

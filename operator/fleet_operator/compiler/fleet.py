@@ -10,12 +10,11 @@ import yaml
 from fleet_operator.compiler.jobs import fleet_labels
 from fleet_operator.compiler.missions import compile_flight, compile_retraining, training_job, weighing_job
 from fleet_operator.compiler.target import AggregatorTerms, Target
+from fleet_operator.policy.level import priority_value
 from fleet_operator.resources import names
 from fleet_operator.resources.roles import LOWEST_LEVEL, REAL_TIME_LEVEL
 
 Manifest = dict[str, Any]
-PRIORITY_STEP = 100_000_000
-"""Difference in priority between two levels (paper, section "Priority-based Scheduling", P_i)."""
 
 
 def compile_fleet(target: Target, terms: Sequence[AggregatorTerms]) -> list[Manifest]:
@@ -78,7 +77,7 @@ def _priority_class(level: int) -> Manifest:
             "name": names.priority_class(level),
             "labels": {"app.kubernetes.io/name": names.PRODUCT, "app.kubernetes.io/part-of": names.PRODUCT},
         },
-        "value": level * PRIORITY_STEP,
+        "value": priority_value(level),
         "globalDefault": False,
         "description": what.get(level, f"Retraining of models whose usefulness is level {level} of 9."),
     }

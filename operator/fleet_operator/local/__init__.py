@@ -1,0 +1,1 @@
+"""Runs compiled manifests as processes of this machine."""

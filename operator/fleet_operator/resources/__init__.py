@@ -1,0 +1,1 @@
+"""Names, labels and roles of everything in the cluster."""

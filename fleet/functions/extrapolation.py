@@ -1,0 +1,71 @@
+"""From values in some cells to a value in every cell: the paper's neighbour mean, or kriging.
+
+Measured with `python bench/extrapolation.py`; see docs/functions.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleet.contexts.grid import Grid
+from fleet.functions.kriging import krige
+
+Values = NDArray[np.float64]
+Extrapolator = Callable[[Values, Grid], Values]
+"""From values [rows, columns], NaN where unknown, to values in every cell with data; all NaN when none is known."""
+
+
+class Extrapolation(StrEnum):
+    """The built-in ways to extrapolate."""
+
+    NEIGHBOUR_MEAN = "NeighbourMean"
+    KRIGING = "Kriging"
+
+
+def extrapolate(values: Values, grid: Grid, how: Extrapolation = Extrapolation.KRIGING) -> Values:
+    """Values in every cell with data; captured cells keep theirs.
+
+    Args:
+        values: float64 [rows, columns], NaN where nothing was captured.
+        grid: Which cells have data, and their size.
+        how: Kriging by default: ...
+    Returns:
+        float64 [rows, columns]: NaN in cells without data, and everywhere when no value is known.
+    """
+    match how:
+        case Extrapolation.NEIGHBOUR_MEAN:
+            return neighbour_mean(values, grid)
+        case Extrapolation.KRIGING:
+            return krige(values, grid)
+
+
+def neighbour_mean(values: Values, grid: Grid) -> Values:
+    """Give every unknown cell beside known ones (8 neighbours) their mean; repeat until all are known.
+
+    Waves also cross cells without data, so that parts of the field that touch nothing known get a value too.
+    Source: paper, section "Map() and Eval() Functions" (extrapolation of prior work).
+    """
+    known = np.isfinite(values) & grid.valid
+    if not known.any():
+        return np.full(values.shape, np.nan)
+    shape = (grid.rows + 2, grid.columns + 2)
+    total, weight = np.zeros(shape), np.zeros(shape)
+    inner = (slice(1, -1), slice(1, -1))
+    total[inner][known] = values[known]
+    weight[inner][known] = 1.0
+    while not weight[inner].all():
+        sums, counts = _box(total), _box(weight)
+        fresh = (weight[inner] == 0) & (counts > 0)
+        total[inner][fresh] = sums[fresh] / counts[fresh]
+        weight[inner][fresh] = 1.0
+    return np.where(grid.valid, total[inner], np.nan)
+
+
+def _box(padded: Values) -> Values:
+    """Sum over the 3x3 cells around each inner cell."""
+    rows = padded[:-2] + padded[1:-1] + padded[2:]
+    return np.asarray(rows[:, :-2] + rows[:, 1:-1] + rows[:, 2:])

@@ -1,0 +1,111 @@
+"""What shaping, training and simulation work on: the contexts of a FleetSpec, mapped and laid out for its agents."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from fleet.contexts.base import Context
+from fleet.contexts.grid import Grid
+from fleet.contexts.load import load_context
+from fleet.energy.accounting import EnergyModel
+from fleet.energy.profiles import load_aircraft, load_edge
+from fleet.functions.contract import EvalClient, MapClient
+from fleet.missions.layout import plan_layout
+from fleet.simulator.terrain import Terrain, survey
+from fleet.spec.functions import ContextUse
+from fleet.spec.resources import Fleet
+from fleet.spec.swarm import AgentSpec
+from fleet.storage.layout import FleetPaths
+from fleet.storage.port import Storage
+
+Progress = Callable[[int, int], None]
+"""Called with the states that are mapped and those there are."""
+
+
+@dataclass(frozen=True, eq=False)
+class Workbench:
+    """The contexts of a fleet as terrains, each made when it is first asked for.
+
+    Args:
+        fleet: What to fly.
+        storage, paths: Where contexts are, and where SSVs are cached by content.
+        map_client, evaluator: Map() and Eval().
+        progress: Told while Map() runs over a context.
+    """
+
+    fleet: Fleet
+    storage: Storage
+    paths: FleetPaths
+    map_client: MapClient
+    evaluator: EvalClient
+    progress: Progress | None = None
+    _terrains: dict[str, Terrain] = field(default_factory=dict, init=False, repr=False)
+
+    @property
+    def agents(self) -> tuple[AgentSpec, ...]:
+        """The agents, with nothing left out but perhaps their starts."""
+        return self.fleet.agents.resolved
+
+    @property
+    def energy(self) -> EnergyModel:
+        """Energy and time of aircraft and edge machine."""
+        return energy_model(self.fleet)
+
+    def terrain(self, name: str) -> Terrain:
+        """The terrain of a context.
+
+        Raises:
+            ContextError: the context is not a good one.
+            FunctionError: Map() fails in a state.
+            MissionError: the agents do not fit on it.
+        """
+        if name not in self._terrains:
+            self._terrains[name] = self._make(name)
+        return self._terrains[name]
+
+    def terrains(self, use: ContextUse) -> tuple[Terrain, ...]:
+        """The terrains of all contexts for one use, in the order of the FleetSpec; errors as in `terrain`."""
+        return tuple(self.terrain(context.name) for context in self.fleet.contexts_for(use))
+
+    def _make(self, name: str) -> Terrain:
+        context: Context = load_context(self.storage, self.paths.context(name))
+        environment = context.environment
+        cache_path = self.paths.mapped(environment.digest, self.map_client.version)
+        ssv = survey(context, self.map_client, self.storage, cache_path, self.progress)
+        agents = self.agents
+        if name != self.fleet.state_space.context:
+            agents = tuple(_placed(agent, environment.grid) for agent in agents)
+        layout = plan_layout(environment.grid, self.fleet.state_space, agents)
+        return Terrain(environment, self.map_client.features, ssv, layout)
+
+
+def open_workbench(  # noqa: PLR0913 - each is a part of its own, and callers name them
+    fleet: Fleet,
+    storage: Storage,
+    paths: FleetPaths,
+    map_client: MapClient,
+    eval_client: EvalClient,
+    *,
+    progress: Progress | None = None,
+) -> Workbench:
+    """A workbench over contexts that were copied into storage."""
+    return Workbench(fleet, storage, paths, map_client, eval_client, progress)
+
+
+def energy_model(fleet: Fleet) -> EnergyModel:
+    """Energy and time of a fleet's actions and edge tasks, by the profiles that its FleetSpec names.
+
+    Raises:
+        SpecError: there is no such profile.
+    """
+    hovering = fleet.workflow.decide == "Hovering"
+    return EnergyModel(load_aircraft(fleet.agents.energy_profile), load_edge(fleet.workflow.edge_profile), hovering)
+
+
+def _placed(agent: AgentSpec, grid: Grid) -> AgentSpec:
+    """The agent without a start that another field does not have: starts are cells of the field that is flown."""
+    start = agent.start
+    if start is None or (start.row < grid.rows and start.column < grid.columns):
+        return agent
+    return agent.model_copy(update={"start": None})
