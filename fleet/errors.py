@@ -101,6 +101,10 @@ class FunctionError(FleetError):
         self.site = site
         super().__init__(f"{site}: {message}")
 
+    def __reduce__(self) -> tuple[type[FunctionError], tuple[str, CallSite]]:
+        """Pickle what the error was made of: it may be raised in a worker process."""
+        return FunctionError, (self.message, self.site)
+
 
 class ModelError(FleetError):
     """An SA model cannot be loaded, or does not fit the SSV or the actions."""

@@ -47,7 +47,8 @@ def read_overrides(values: Sequence[str]) -> dict[str, Path]:
     for value in values:
         name, _, folder = value.partition("=")
         if not name or not folder:
-            problems.append(Problem("--context", f"{value!r} is not NAME=DIR", "write --context my-field=path/to/folder"))
+            hint = "write --context my-field=path/to/folder"
+            problems.append(Problem("--context", f"{value!r} is not NAME=DIR", hint))
         elif not Path(folder).is_dir():
             problems.append(Problem("--context", f"there is no folder {folder}"))
         else:

@@ -1,5 +1,7 @@
 """The `fleet` application: which commands there are, and how errors become messages and exit codes."""
 
+# ruff: noqa: PLC0415 - imports wait until a command runs, so that --help is quick
+
 from __future__ import annotations
 
 import os
@@ -11,7 +13,7 @@ import typer
 from typer.core import TyperGroup
 
 import fleet
-from fleet.cli import console, contexts, extensions, learn, new, reporting, serve, simulate, validate
+from fleet.cli import console, contexts, extensions, learn, new, reporting, serving, simulate, validate
 from fleet.errors import ExitCode, FleetError
 
 _BROKEN_PIPE = 141
@@ -93,24 +95,14 @@ def root(
     """
 
 
-new.register(app)
-validate.register(app)
-simulate.register(app)
-learn.register(app)
-reporting.register(app)
-contexts.register(app)
-serve.register(app)
-
-
-@app.command()
 def version(as_json: Annotated[bool, typer.Option("--json", help="For machines.")] = False) -> None:
     """Show the versions of fleet and of what it computes with.
 
     Example: [bold]fleet version --json[/bold]
     """
-    import platform  # noqa: PLC0415 - see the package's text
-    from importlib.metadata import PackageNotFoundError  # noqa: PLC0415 - see the package's text
-    from importlib.metadata import version as installed  # noqa: PLC0415 - see the package's text
+    import platform
+    from importlib.metadata import PackageNotFoundError
+    from importlib.metadata import version as installed
 
     versions = {"fleet": fleet.__version__, "python": platform.python_version()}
     for package in ("numpy", "numba", "scipy", "scikit-optimize", "opencv-python-headless", "pydantic", "pyarrow"):
@@ -121,7 +113,18 @@ def version(as_json: Annotated[bool, typer.Option("--json", help="For machines."
     if as_json:
         console.say_json(versions)
         return
-    console.table(("package", "version"), [(name, number) for name, number in versions.items()])
+    console.table(("package", "version"), list(versions.items()))
+
+
+app.command("init")(new.init)
+app.command("validate")(validate.validate)
+app.command("simulate")(simulate.simulate)
+app.command("shape")(learn.shape)
+app.command("train")(learn.train)
+app.command("report")(reporting.report)
+app.add_typer(contexts.app, name="context")
+app.command("serve")(serving.serve)
+app.command("version")(version)
 
 
 def run() -> None:

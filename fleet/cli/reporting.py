@@ -25,9 +25,7 @@ def report(
     storage: Annotated[
         str | None, typer.Option(help="Folder or address of the run's storage, when it is not in DIR.")
     ] = None,
-    fleet: Annotated[
-        str | None, typer.Option(help="NAMESPACE/NAME, when the storage has several fleets.")
-    ] = None,
+    fleet: Annotated[str | None, typer.Option(help="NAMESPACE/NAME, when the storage has several fleets.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the report; DIR when left out.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="For machines: the missions and their metrics.")] = False,
 ) -> None:
@@ -61,7 +59,8 @@ def _storage_in(folder: Path) -> Storage:
     from fleet.storage.local import LocalStorage
 
     if not folder.is_dir():
-        raise SpecError([Problem("DIR", f"there is no folder {folder}", "name the folder of a run")], "the command line")
+        problem = Problem("DIR", f"there is no folder {folder}", "name the folder of a run")
+        raise SpecError([problem], "the command line")
     return LocalStorage(folder / "storage" if (folder / "storage").is_dir() else folder)
 
 
@@ -80,7 +79,8 @@ def _fleet_in(storage: Storage, wanted: str | None) -> FleetPaths:
     if wanted is None and len(found) == 1:
         return FleetPaths(*found[0])
     if not found:
-        problem = Problem("DIR", f"there is no run in {storage.uri}", "name the folder that fleet run wrote, or --storage")
+        hint = "name the folder that fleet run wrote, or --storage"
+        problem = Problem("DIR", f"there is no run in {storage.uri}", hint)
     else:
         message = f"there is no fleet {wanted}" if wanted else "the storage has several fleets"
         problem = Problem("--fleet", message, f"choose one of {', '.join(names)}")

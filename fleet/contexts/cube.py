@@ -38,7 +38,7 @@ class AutonomyCube:
     def __init__(self, content: CubeContent, date: str | None = None) -> None:
         problems = examine(content).problems
         if problems:
-            raise BrokenContext(content.manifest.name, list(problems))
+            raise BrokenContext(content.manifest.name, problems)
         self._content = content
         self.observed: tuple[str, ...] = tuple(sorted(set(content.cells.dates[has_data(content)].tolist())))
         self.date = self.observed[-1] if date is None else date

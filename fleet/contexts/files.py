@@ -50,7 +50,7 @@ def read_cube(storage: Storage, folder: str) -> tuple[CubeContent, tuple[str, ..
         if manifest.pictures is PictureKind.STORED and storage.exists(join(folder, PICTURES)):
             pictures = read_pictures(read_file(storage, folder, PICTURES))
     except TableError as error:
-        raise BrokenContext(where, list(error.problems)) from error
+        raise BrokenContext(where, error.problems) from error
     return CubeContent(manifest, cells, pictures), unread
 
 

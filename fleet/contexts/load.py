@@ -6,6 +6,7 @@ from fleet.contexts.base import Context, ContextKind
 from fleet.contexts.cube import AutonomyCube
 from fleet.contexts.files import join, place, read_cube, read_file
 from fleet.contexts.manifest import MANIFEST, BrokenContext, kind_of
+from fleet.contexts.tables import FEATURES, PICTURES
 from fleet.errors import ContextError, ObjectNotFound
 from fleet.storage.port import Storage
 
@@ -39,25 +40,24 @@ def load_cube(storage: Storage, path: str = "") -> AutonomyCube:
     try:
         return AutonomyCube(content)
     except BrokenContext as error:
-        raise BrokenContext(place(storage, path), list(error.problems)) from error
+        raise BrokenContext(place(storage, path), error.problems) from error
 
 
 def copy_context(source: Storage, source_path: str, target: Storage, target_path: str) -> None:
-    """Copy all files of a context; what is there already with the same content is not written again.
+    """Copy the files of a good context; what is there already with the same content is not written again.
 
     context.yaml comes last, so that a half-copied context is not taken for one.
 
     Raises:
-        BrokenContext: there is no context.yaml at the source.
+        BrokenContext: it is not a good context; nothing was written.
+        ContextError: it is of a kind that this version cannot fly.
         StorageError: a storage refuses.
     """
-    manifest = read_file(source, source_path, MANIFEST)
-    prefix = join(source_path, "")
-    for entry in source.list(source_path):
-        name = entry.path.removeprefix(prefix)
-        if name != MANIFEST:
-            _copy(source.read(entry.path), target, join(target_path, name))
-    _copy(manifest, target, join(target_path, MANIFEST))
+    load_context(source, source_path)
+    for name in (FEATURES, PICTURES, MANIFEST):
+        path = join(source_path, name)
+        if source.exists(path):
+            _copy(source.read(path), target, join(target_path, name))
 
 
 def _copy(data: bytes, target: Storage, path: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from enum import StrEnum
 from typing import Annotated, Any, Literal
 
@@ -17,6 +18,8 @@ MANIFEST = "context.yaml"
 CONTEXT_API_VERSION: Literal["context.fleetcomputer.io/v1alpha1"] = "context.fleetcomputer.io/v1alpha1"
 FULL_SCALE_EXG = 100.0
 """Excess green that the high end of a render scale is drawn with."""
+_SHOWN = 100
+"""Problems that a message shows."""
 KEYS = ("row", "column", "date")
 """Columns of features.parquet that say which cell and date a row is about."""
 
@@ -121,13 +124,15 @@ class CubeManifest(Model):
 
 
 class BrokenContext(ContextError):  # noqa: N818 - it names what was found, as KeyError's kin do
-    """A context that is not a good one; `problems` has everything that is wrong with it."""
+    """A context, or what should become one, is not a good one; `problems` has everything that is wrong with it."""
 
-    def __init__(self, where: str, problems: list[Problem]) -> None:
+    def __init__(self, where: str, problems: Sequence[Problem], verdict: str = "is not a good context") -> None:
         self.where = where
-        self.problems = tuple(sorted(problems))
-        lines = "\n".join(f"  {problem}" for problem in self.problems)
-        super().__init__(f"{where} is not a good context:\n{lines}")
+        self.problems = tuple(problems)
+        lines = [f"  {problem}" for problem in self.problems[:_SHOWN]]
+        if len(self.problems) > _SHOWN:
+            lines.append(f"  and {len(self.problems) - _SHOWN} more of this kind")
+        super().__init__("\n".join([f"{where} {verdict}:", *lines]))
 
 
 def kind_of(data: bytes, where: str) -> ContextKind:

@@ -85,7 +85,8 @@ def mean_colour(look: Appearance) -> NDArray[np.float64]:
     luma = min(max(look.brightness, 0.0), 1.0) * 255.0
     down = _RED + _GREEN / 2
     level = luma - _GREEN / 2 * exg
-    tint = _tint_within(look.tint, level, level + exg / 2)
+    tints = (_tint_within(look.tint, level, exg, headroom) for headroom in (1.0, 0.5, 0.0))
+    tint = next((tint for tint in tints if tint is not None), 0.0)
     blue = level - down * tint
     colour = np.array([blue + tint, blue + (exg + tint) / 2, blue])
     # A shift of all three keeps the excess green; it costs brightness.
@@ -94,26 +95,29 @@ def mean_colour(look: Appearance) -> NDArray[np.float64]:
     return np.asarray(np.clip(colour, 0.0, 255.0), dtype=np.float64)
 
 
-def _tint_within(wanted: float, level: float, green: float) -> float:
-    """The tint nearest to the wanted one that leaves every channel in 0..255; 0 when there is none.
+def _tint_within(wanted: float, level: float, exg: float, headroom: float) -> float | None:
+    """The tint nearest to the wanted one that leaves every channel in range; None when there is none.
 
     Args:
         wanted: Mean of R - B.
         level: R and B of a picture without tint.
-        green: G of a picture without tint.
+        exg: Excess green.
+        headroom: Share of the soil's excess over the mean that must fit below 255.
     """
-    slopes = (1 - _RED - _GREEN / 2, -(_RED + _GREEN / 2), 0.5 - _RED - _GREEN / 2)  # of R, B and G
+    slopes = (1 - _RED - _GREEN / 2, 0.5 - _RED - _GREEN / 2, -(_RED + _GREEN / 2))
+    soil = -cover(exg) * _CONTRAST + _TEXTURE
     low, high = -255.0, 255.0
-    for value, slope in zip((level, level, green), slopes, strict=True):
-        ends = sorted((-value / slope, (255.0 - value) / slope))
+    for value, slope, excess in zip((level, level + exg / 2, level), slopes, soil.tolist(), strict=True):
+        top = 255.0 - headroom * max(0.0, excess)
+        ends = sorted((-value / slope, (top - value) / slope))
         low, high = max(low, ends[0]), min(high, ends[1])
-    return min(max(wanted, low), high) if low <= high else 0.0
+    return min(max(wanted, low), high) if low <= high else None
 
 
-def _room(mean: NDArray[np.float64], deviation: NDArray[np.float64]) -> float:
-    """The largest factor, at most 1, by which pixels may differ from the mean and stay in 0..255."""
+def _room(mean: NDArray[np.float64], deviation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The largest factors, at most 1, by which pixels may differ from the mean and stay in 0..255, for each channel."""
     above, below = deviation.max(axis=0), -deviation.min(axis=0)
-    return float(min(1.0, *((255.0 - mean) / above), *(mean / below)))
+    return np.asarray(np.minimum(1.0, np.minimum((255.0 - mean) / above, mean / below)), dtype=np.float64)
 
 
 def _quantised(mean: NDArray[np.float64], pixels: NDArray[np.float64]) -> NDArray[np.uint8]:

@@ -1,4 +1,4 @@
-"""Built-in parts of Eval() for maps of a field: yield map, classes, accuracy, error, coverage, energy and time."""
+"""Built-in parts of Eval() for maps of a field: yield map, error, accuracy, coverage, energy and time."""
 
 from __future__ import annotations
 
@@ -6,12 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleet.contexts.base import Environment
+from fleet.functions.classes import class_mean, classes
 from fleet.functions.contract import FeatureSpace, Metrics
 
 Values = NDArray[np.float64]
-
-CLASS_THRESHOLDS = (0.8, 0.9, 1.0)
-"""Lower bounds of classes 1, 2 and 3, as shares of the field's mean."""
 
 
 def yield_map(fs: FeatureSpace, feature: str = "exg", gain: float = 1.0, offset: float = 0.0) -> Values:
@@ -21,21 +19,6 @@ def yield_map(fs: FeatureSpace, feature: str = "exg", gain: float = 1.0, offset:
         float64 [rows, columns], NaN where nothing was captured; in the feature's unit unless gain and offset are given.
     """
     return gain * fs.grid_of(feature) + offset
-
-
-def classes(values: Values, mean: float) -> Values:
-    """Class of each cell: how many of 0.8, 0.9 and 1 times the mean it exceeds, 0..3; NaN where the value is NaN."""
-    exceeded = np.zeros(values.shape)
-    for threshold in CLASS_THRESHOLDS:
-        exceeded += values > threshold * mean
-    return np.where(np.isnan(values), np.nan, exceeded)
-
-
-def class_mean(predicted: Values, environment: Environment) -> float:
-    """Mean that the classes refer to: of the truth when it is known, else of the predicted map; 0 without any value."""
-    known = predicted if environment.truth is None else environment.truth
-    found = known[np.isfinite(known) & environment.grid.valid]
-    return float(found.mean()) if len(found) else 0.0
 
 
 def error_map(predicted: Values, environment: Environment) -> Values:

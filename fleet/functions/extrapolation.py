@@ -5,18 +5,15 @@ Measured with `python bench/extrapolation.py`; see docs/functions.md.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fleet.contexts.grid import Grid
-from fleet.functions.kriging import krige
+from fleet.functions.kriging import Prediction, krige
 
 Values = NDArray[np.float64]
-Extrapolator = Callable[[Values, Grid], Values]
-"""From values [rows, columns], NaN where unknown, to values in every cell with data; all NaN when none is known."""
 
 
 class Extrapolation(StrEnum):
@@ -26,19 +23,21 @@ class Extrapolation(StrEnum):
     KRIGING = "Kriging"
 
 
-def extrapolate(values: Values, grid: Grid, how: Extrapolation = Extrapolation.KRIGING) -> Values:
-    """Values in every cell with data; captured cells keep theirs.
+def extrapolate(values: Values, grid: Grid, how: Extrapolation = Extrapolation.KRIGING) -> Prediction:
+    """Predict every cell with data from the captured ones, which keep their values.
 
     Args:
         values: float64 [rows, columns], NaN where nothing was captured.
         grid: Which cells have data, and their size.
-        how: Kriging by default: ...
+        how: Kriging by default: on four real fields, with 5 to 40 % of the cells captured, its mean error is 9 % below
+            the neighbour mean's, and the map of likely classes made from it (`classes.likely_values`) has 74.8 %
+            of the classes right against 72.1 %, at 6 ms against 0.4 ms (python bench/extrapolation.py --seeds 5).
     Returns:
-        float64 [rows, columns]: NaN in cells without data, and everywhere when no value is known.
+        Values and their standard deviation; the neighbour mean knows no deviation and says 0.
     """
     match how:
         case Extrapolation.NEIGHBOUR_MEAN:
-            return neighbour_mean(values, grid)
+            return Prediction(neighbour_mean(values, grid), np.where(grid.valid, 0.0, np.nan))
         case Extrapolation.KRIGING:
             return krige(values, grid)
 

@@ -18,12 +18,25 @@ from fleet.contexts.grid import Grid
 Values = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-NEIGHBOURS = 16
-"""Captured cells that predict a cell; with more, BASELINES' fields change by less than 0.2 points of accuracy."""
+NEIGHBOURS = 8
+"""Captured cells that predict a cell; on the fields of bench/extrapolation.py more are slower and no better."""
 _FEW = 12
 """With fewer captured cells a variogram means nothing, and DEFAULT is used."""
 _LENGTHS = np.geomspace(0.7, 24.0, 16)
 """Length scales that are tried, in cells."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """A value for every cell with data, and how sure it is.
+
+    Args:
+        values: Expected value, float64 [rows, columns]; NaN without data, and everywhere when nothing is known.
+        deviation: Standard deviation of the true value, same shape; 0 in captured cells, and where it is not known.
+    """
+
+    values: Values
+    deviation: Values
 
 
 @dataclass(frozen=True)
@@ -33,51 +46,55 @@ class Variogram:
     Args:
         length: Length scale in m.
         nugget: Share of the variance that neighbouring cells do not share, 0..1.
+        variance: Variance of the field, nugget included.
     """
 
     length: float
     nugget: float
+    variance: float
 
 
-def krige(values: Values, grid: Grid) -> Values:
+def krige(values: Values, grid: Grid) -> Prediction:
     """Predict every cell with data from the captured cells near it; captured cells keep their value.
 
     Args:
         values: float64 [rows, columns], NaN where nothing was captured.
-    Returns:
-        float64 [rows, columns]: NaN in cells without data, and everywhere when no value is known.
     """
     known = np.isfinite(values) & grid.valid
     filled = np.where(known, values, np.nan)
+    deviation = np.where(grid.valid, 0.0, np.nan)
     wanted = grid.valid & ~known
     found = filled[known]
     if not len(found) or not wanted.any():
-        return filled
+        return Prediction(filled, deviation)
     centre = float(np.median(found))
-    if np.ptp(found) == 0.0:
-        filled[wanted] = centre
-        return filled
     variogram = fit(filled - centre, known, grid)
-    filled[wanted] = _predict(filled - centre, known, wanted, grid, variogram) + centre
-    return filled
+    if variogram.variance == 0.0:
+        filled[wanted] = centre
+        return Prediction(filled, deviation)
+    expected, deviation[wanted] = _predict(filled - centre, known, wanted, grid, variogram)
+    filled[wanted] = expected + centre
+    return Prediction(filled, deviation)
 
 
 def fit(values: Values, known: Flags, grid: Grid) -> Variogram:
-    """Length scale and nugget by weighted least squares on the variogram of all pairs of captured cells.
+    """Length scale, nugget and variance by weighted least squares on the variogram of all pairs of captured cells.
 
-    Outliers are drawn in to three robust standard deviations first.
+    Outliers are drawn in to three robust standard deviations first. With fewer than 12 captured cells the length is 4
+    cells and the nugget a tenth.
     """
     size = (grid.cell_height_m * grid.cell_width_m) ** 0.5
-    if np.count_nonzero(known) < _FEW:
-        return Variogram(4.0 * size, 0.1)
     found = values[known]
+    few = Variogram(4.0 * size, 0.1, float(np.var(found)))
+    if np.ptp(found) == 0.0 or len(found) < _FEW:
+        return few
     middle = np.median(found)
     spread = 1.4826 * np.median(np.abs(found - middle)) or float(np.std(found))
     drawn = np.where(known, np.clip(values - middle, -3 * spread, 3 * spread), 0.0)
     distance, semivariance, pairs = _variogram(drawn, known, grid, size)
     if len(distance) < 3:
-        return Variogram(4.0 * size, 0.1)
-    return _least_squares(distance, semivariance, pairs, size)
+        return few
+    return _least_squares(distance, semivariance, pairs, size) or few
 
 
 def _variogram(values: Values, known: Flags, grid: Grid, size: float) -> tuple[Values, Values, Values]:
@@ -101,8 +118,11 @@ def _variogram(values: Values, known: Flags, grid: Grid, size: float) -> tuple[V
     return np.asarray(distance), np.maximum(np.bincount(bins, halves[use])[full] / counts[full], 0.0), counts[full]
 
 
-def _least_squares(distance: Values, semivariance: Values, pairs: Values, size: float) -> Variogram:
-    """Best nugget and sill for every length scale, weighted by pairs / distance^2, and the best of these."""
+def _least_squares(distance: Values, semivariance: Values, pairs: Values, size: float) -> Variogram | None:
+    """Best nugget and sill for every length scale, weighted by pairs / distance^2, and the best of these.
+
+    None when there is no variance to explain.
+    """
     weight = pairs / distance**2
     lengths = _LENGTHS * size
     rise = 1.0 - matern32(distance[None, :] / lengths[:, None])
@@ -116,7 +136,7 @@ def _least_squares(distance: Values, semivariance: Values, pairs: Values, size: 
     misfit = ((semivariance - nugget[:, None] - sill[:, None] * rise) ** 2) @ weight
     best = int(np.argmin(misfit))
     total = float(nugget[best] + sill[best])
-    return Variogram(float(lengths[best]), float(nugget[best]) / total if total > 0 else 1.0)
+    return Variogram(float(lengths[best]), float(nugget[best]) / total, total) if total > 0 else None
 
 
 def matern32(scaled: Values) -> Values:
@@ -125,8 +145,12 @@ def matern32(scaled: Values) -> Values:
     return np.asarray((1.0 + steps) * np.exp(-steps))
 
 
-def _predict(values: Values, known: Flags, wanted: Flags, grid: Grid, variogram: Variogram) -> Values:
-    """Ordinary kriging from the nearest captured cells of every wanted cell, all systems solved at once."""
+def _predict(values: Values, known: Flags, wanted: Flags, grid: Grid, variogram: Variogram) -> tuple[Values, Values]:
+    """Ordinary kriging from the nearest captured cells of every wanted cell, all systems solved at once.
+
+    Returns:
+        Expected value and standard deviation of each wanted cell, [wanted].
+    """
     cell = np.array([grid.cell_height_m, grid.cell_width_m])
     sources, targets = np.argwhere(known), np.argwhere(wanted)
     count = min(NEIGHBOURS, len(sources))
@@ -141,10 +165,12 @@ def _predict(values: Values, known: Flags, wanted: Flags, grid: Grid, variogram:
     system[:, diagonal, diagonal] = 1.0 + 1e-9
     system[:, count, count] = 0.0
     to = np.abs(at - targets[:, None, :])
-    right = np.ones((len(targets), count + 1, 1))
-    right[:, :count, 0] = table[to[..., 0], to[..., 1]]
-    weights = np.linalg.solve(system, right)[:, :count, 0]
-    return np.asarray((weights * values[known][near]).sum(axis=1))
+    right = np.ones((len(targets), count + 1))
+    right[:, :count] = table[to[..., 0], to[..., 1]]
+    weights = np.linalg.solve(system, right[:, :, None])[:, :, 0]
+    share = np.maximum(1.0 - (weights * right).sum(axis=1), 0.0)
+    expected = (weights[:, :count] * values[known][near]).sum(axis=1)
+    return np.asarray(expected), np.sqrt(share * variogram.variance)
 
 
 def _covariances(grid: Grid, variogram: Variogram) -> Values:

@@ -75,14 +75,19 @@ class Optimiser:
         dimensions: The parameters; fixed ones are passed through.
         seed: Of the first points and of the search for the best expected improvement.
         initial: How many points are spread over the space (a Latin hypercube) before the process is asked.
+        first: Points to ask for before these; they count among them.
     """
 
-    def __init__(self, dimensions: Sequence[Dimension], seed: int, initial: int = 10) -> None:
+    def __init__(
+        self, dimensions: Sequence[Dimension], seed: int, initial: int = 10, first: Sequence[Point] = ()
+    ) -> None:
         self.dimensions = tuple(dimensions)
         self.points: list[Point] = []
         self.losses: list[float] = []
         self._seed = seed
-        self._initial = max(1, initial)
+        self._first = tuple(first)
+        self._initial = max(1, initial, len(self._first))
+        self._known = 0
 
     def tell(self, points: Sequence[Point], losses: Sequence[float]) -> None:
         """Add what was tried and what it gave.
@@ -100,12 +105,17 @@ class Optimiser:
             self.points.append(tuple(point))
             self.losses.append(float(loss))
 
+    def know(self, points: Sequence[Point], losses: Sequence[float]) -> None:
+        """Add what is known from elsewhere, before anything is asked: it does not count among the initial points."""
+        self.tell(points, losses)
+        self._known += len(points)
+
     def ask(self, count: int) -> list[Point]:
         """The next points to try, as many as asked for; they may repeat when there are few values to choose from."""
         free = [index for index, dimension in enumerate(self.dimensions) if not dimension.fixed]
         if not free:
             return [tuple(self._value(index, dimension.low) for index, dimension in enumerate(self.dimensions))] * count
-        told = len(self.losses)
+        told = len(self.losses) - self._known
         with _library() as skopt:
             space = skopt.Space(self._ranges(skopt, free))
             chosen = self._spread(skopt, space)[told : told + count] if told < self._initial else []
@@ -114,8 +124,12 @@ class Optimiser:
         return [self._whole(free, values) for values in chosen]
 
     def _spread(self, skopt: Any, space: Any) -> list[list[float]]:
-        hypercube = skopt.sampler.Lhs(criterion=None)
-        return list(hypercube.generate(space, self._initial, random_state=named_seed(self._seed, "spread")))
+        free = [index for index, dimension in enumerate(self.dimensions) if not dimension.fixed]
+        first = [[point[index] for index in free] for point in self._first]
+        if len(first) == self._initial:
+            return first
+        hypercube, seed = skopt.sampler.Lhs(criterion=None), named_seed(self._seed, "spread")
+        return first + list(hypercube.generate(space, self._initial - len(first), random_state=seed))
 
     def _improving(self, skopt: Any, space: Any, pending: list[list[float]], count: int) -> list[list[float]]:
         """Points of the greatest expected improvement; those still open count as the least loss that is known.

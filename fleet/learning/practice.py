@@ -11,11 +11,12 @@ from fleet.energy.accounting import EnergyModel
 from fleet.functions.contract import EvalClient
 from fleet.learning.experience import choices, concatenate
 from fleet.learning.model import Fit, SAModel, Transitions
-from fleet.learning.reward import RewardModel
+from fleet.learning.reward import Normaliser, RewardModel
 from fleet.learning.score_tables import ALONE, NEVER, Flights, batch_of, score_table
 from fleet.missions.documents import INITIAL
+from fleet.missions.layout import MOVES
 from fleet.randomness import named_seed
-from fleet.simulator.batch import fly
+from fleet.simulator.batch import Batch, fly
 from fleet.simulator.evaluation import evaluate_missions
 from fleet.simulator.terrain import Terrain
 from fleet.spec.learning import SASpec
@@ -23,8 +24,7 @@ from fleet.spec.learning import SASpec
 ROUNDS = 4
 """How often SA is updated: each round flies with what the rounds before have learned."""
 SAMPLED = 64
-"""Transitions that each mission adds to the update of its round; missions repeat each other, so few of them tell all.
-"""
+"""Transitions that each mission adds to the update of its round, on average: missions repeat each other."""
 EPOCHS = 2
 """Passes over the transitions of a round."""
 
@@ -89,12 +89,14 @@ def _fly_round(
     """Transitions of the missions of one round, (its number, how many there are), over all terrains."""
     number, rounds = turn
     generator = np.random.default_rng(named_seed(practice.seed, f"sample/{number}"))
+    shares = rounds * len(terrains)
     parts = []
     for index, terrain in enumerate(terrains):
-        first, last = (practice.missions * (number * len(terrains) + index + more) // (rounds * len(terrains)) for more in (0, 1))
-        if first == last:
+        share = number * len(terrains) + index
+        first, end = practice.missions * share // shares, practice.missions * (share + 1) // shares
+        if first == end:
             continue
-        flights = Flights(first, last - first, practice.exploration, named_seed(practice.seed, "missions"))
+        flights = Flights(first, end - first, practice.exploration, named_seed(practice.seed, "missions"))
         batch = batch_of(score_table({INITIAL: model}, ALONE, terrain), reward, terrain, flights)
         trace = fly(terrain.layout, batch, traced=True).trace
         assert trace is not None  # it was asked for
@@ -103,8 +105,8 @@ def _fly_round(
     return concatenate(parts)
 
 
-def assess(model: SAModel, reward: RewardModel, grounds: Grounds, exploration: float, seed: int) -> list[Mapping[str, float]]:
-    """Metrics of one mission over each terrain, flown as agents would fly it.
+def assess(model: SAModel, reward: RewardModel, grounds: Grounds, flights: Flights) -> list[Mapping[str, float]]:
+    """Metrics of missions over each terrain, all of one terrain before the next.
 
     Raises:
         FunctionError: Eval() failed.
@@ -112,17 +114,26 @@ def assess(model: SAModel, reward: RewardModel, grounds: Grounds, exploration: f
     results = []
     for terrain in grounds.terrains:
         table = score_table({INITIAL: model}, ALONE, terrain)
-        batch = batch_of(table, reward, terrain, Flights(exploration=exploration, seed=seed))
-        results += _evaluate(grounds, terrain, batch)
+        results += _evaluate(grounds, terrain, batch_of(table, reward, terrain, flights))
     return results
 
 
-def visit_everything(reward: RewardModel, grounds: Grounds) -> list[Mapping[str, float]]:
+def visit_everything(grounds: Grounds) -> list[Mapping[str, float]]:
     """Metrics of a mission over each terrain that leaves no state out: what costs are held against."""
     utility, visited = NEVER
-    thorough = reward.model_copy(update={"utility_threshold": utility, "visited_threshold": visited})
+    count = len(grounds.features)
+    thorough = RewardModel(
+        features=grounds.features, weights=(0.0,) * count, normaliser=Normaliser(low=(0.0,) * count, high=(1.0,) * count),
+        utility_threshold=utility, visited_threshold=visited, loss=0.0, goals_met=False,
+    )  # fmt: skip
     results = []
     for terrain in grounds.terrains:
-        table = np.zeros((len(terrain.ssv), 8))
+        table = np.zeros((len(terrain.ssv), len(MOVES)))
         results += _evaluate(grounds, terrain, batch_of(table, thorough, terrain, Flights()))
     return results
+
+
+def _evaluate(grounds: Grounds, terrain: Terrain, batch: Batch) -> list[Mapping[str, float]]:
+    flown = fly(terrain.layout, batch)
+    evaluations = evaluate_missions(terrain, flown, grounds.agents, grounds.energy, grounds.evaluator)
+    return [evaluation.metrics for evaluation in evaluations]

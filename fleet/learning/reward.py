@@ -46,6 +46,8 @@ class RewardModel(Model):
     visited_threshold: int = Field(description="T_v")
     loss: float = Field(description="Sum of the losses over the shaping contexts.")
     goals_met: bool = Field(description="Whether every goal was met on every shaping context.")
+    evaluations: int = Field(default=0, description="Parameter sets that were simulated.")
+    successes: int = Field(default=0, description="How many of them met every goal on every shaping context.")
 
     def reward(self, ssv: NDArray[np.float64]) -> NDArray[np.float64]:
         """R of a transition into a state, [n], for SSVs [n, features]; NaN rows stay NaN."""

@@ -22,9 +22,7 @@ NEVER = (float("inf"), 2**31 - 1)
 """Thresholds that are never passed: every state is visited."""
 
 
-def score_table(
-    models: Mapping[str, SAModel], weights: Mapping[str, float], terrain: Terrain
-) -> NDArray[np.float64]:
+def score_table(models: Mapping[str, SAModel], weights: Mapping[str, float], terrain: Terrain) -> NDArray[np.float64]:
     """Blended scores of each state, float64 [cells, len(MOVES)]; 0 in states without data.
 
     Args:

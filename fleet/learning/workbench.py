@@ -9,7 +9,7 @@ from fleet.contexts.base import Context
 from fleet.contexts.grid import Grid
 from fleet.contexts.load import load_context
 from fleet.energy.accounting import EnergyModel
-from fleet.energy.profiles import load_aircraft, load_edge
+from fleet.energy.model import energy_model
 from fleet.functions.contract import EvalClient, MapClient
 from fleet.missions.layout import plan_layout
 from fleet.simulator.terrain import Terrain, survey
@@ -91,16 +91,6 @@ def open_workbench(  # noqa: PLR0913 - each is a part of its own, and callers na
 ) -> Workbench:
     """A workbench over contexts that were copied into storage."""
     return Workbench(fleet, storage, paths, map_client, eval_client, progress)
-
-
-def energy_model(fleet: Fleet) -> EnergyModel:
-    """Energy and time of a fleet's actions and edge tasks, by the profiles that its FleetSpec names.
-
-    Raises:
-        SpecError: there is no such profile.
-    """
-    hovering = fleet.workflow.decide == "Hovering"
-    return EnergyModel(load_aircraft(fleet.agents.energy_profile), load_edge(fleet.workflow.edge_profile), hovering)
 
 
 def _placed(agent: AgentSpec, grid: Grid) -> AgentSpec:

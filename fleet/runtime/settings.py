@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from fleet.energy.accounting import EnergyModel
-from fleet.energy.profiles import load_aircraft, load_edge
+from fleet.energy.model import energy_model
 from fleet.errors import MissionError, ObjectNotFound, Problem, SpecError
 from fleet.missions.documents import MissionOrder
 from fleet.spec.resources import Fleet, FleetSpec
@@ -121,11 +121,3 @@ class Settings:
             raise MissionError(f"FLEET_AGENT is {self.agent!r}; the fleet has {', '.join(names)}")
         return names.index(self.agent)
 
-
-def energy_model(fleet: Fleet) -> EnergyModel:
-    """The energy model that a FleetSpec names."""
-    return EnergyModel(
-        load_aircraft(fleet.agents.energy_profile),
-        load_edge(fleet.workflow.edge_profile),
-        hovering=fleet.workflow.decide == "Hovering",
-    )

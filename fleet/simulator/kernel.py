@@ -23,7 +23,7 @@ _GAMMA, _MIX_1, _MIX_2 = np.uint64(GOLDEN_GAMMA), np.uint64(MIX_1), np.uint64(MI
 _EXPLORE, _PICK = np.uint64(0), np.uint64(1)
 _FAR = np.int64(2**62)
 _SCAN_UP_TO = 16
-"""Groups of at most so many cells are searched cell by cell, larger ones from the agent outwards."""
+"""Cells of a group that is searched cell by cell at once."""
 
 
 def _program(function: _F) -> _F:
@@ -154,7 +154,7 @@ def _nearest(layout: Any, todo: Any, cell: Any, group: Any) -> Any:
     """
     row, column = np.int64(layout.row[cell]), np.int64(layout.column[cell])
     size = layout.offsets[group + 1] - layout.offsets[group]
-    radius = 1
+    radius = 1 if size > _SCAN_UP_TO else size
     while 2 * radius * radius < size:
         for rows in range(-radius, radius + 1):
             columns = radius - abs(rows)
@@ -318,15 +318,22 @@ def _fly_one(layout: Any, flight: Any, scratch: Any, trace: Any, left: Any) -> A
 
 @_program
 def fly(layout: Any, batch: Any, flown: Any, scratch: Any, land_at: Any, trace: Any, left: Any) -> None:
-    """Fly all missions; see `fleet.simulator.batch.fly`.
-    """
+    """Fly all missions; see `fleet.simulator.batch.fly`."""
     for mission in range(len(batch.missions)):
         for agent in range(len(layout.starts)):
             flight = _Flight(
-                mission, agent, batch.utility_thresholds[mission], batch.visited_thresholds[mission],
-                batch.exploration[mission], _absorb(_absorb(batch.seed, batch.missions[mission]), agent),
-                land_at[mission, agent], layout.inside[layout.set_of[agent]], batch.orders[batch.table[mission, agent]],
-                batch.rewards[batch.reward_of[mission]], flown.moves[mission, agent])
+                mission,
+                agent,
+                batch.utility_thresholds[mission],
+                batch.visited_thresholds[mission],
+                batch.exploration[mission],
+                _absorb(_absorb(batch.seed, batch.missions[mission]), agent),
+                land_at[mission, agent],
+                layout.inside[layout.set_of[agent]],
+                batch.orders[batch.table[mission, agent]],
+                batch.rewards[batch.reward_of[mission]],
+                flown.moves[mission, agent],
+            )
             state, explored = _fly_one(layout, flight, scratch, trace, left)
             flown.steps[mission, agent] = state.step + 1
             flown.captures[mission, agent] = state.captures

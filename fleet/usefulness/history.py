@@ -14,7 +14,7 @@ class Observation:
     """One agent's weights in one mission, and what came of them.
 
     Args:
-        loss: The smaller the better; see `agent_losses`.
+        loss: The smaller the better; see `usefulness.loss`.
     """
 
     mission: int
@@ -38,16 +38,3 @@ class History:
     def flown(self) -> frozenset[str]:
         """Models that some agent gave a weight in some mission."""
         return frozenset(key for each in self.observations for key, weight in each.weights.items() if weight > 0)
-
-
-def agent_losses(mission_loss: float, own: Mapping[str, float]) -> dict[str, float]:
-    """Each agent's loss: that of the mission, and by how much the agent did worse than the mean of the agents.
-
-    Args:
-        mission_loss: F(G, e) of the whole mission (`learning.goals.Objective`).
-        own: What each agent's own part cost, on the scale of the mission's loss (`usefulness.cost.own_cost`).
-    Returns:
-        Losses whose mean is the mission's.
-    """
-    mean = sum(own.values()) / len(own)
-    return {agent: mission_loss + cost - mean for agent, cost in own.items()}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,11 @@ from fleet.learning.model import SAModel
 from fleet.learning.reward import RewardModel
 from fleet.missions.layout import MOVES, Layout
 from fleet.simulator.batch import Batch, Flown, fly
-from fleet.usefulness.cost import own_cost
 from fleet.usefulness.history import Weights
+from fleet.usefulness.loss import Effort, MissionLoss, effort
+
+Tables = Mapping[str, NDArray[np.float64]]
+"""Scores of each model in each state, [cells, len(MOVES)]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +34,8 @@ class Replayer:
         after: The models as they fly in the next mission.
         reward: Rewards and thresholds.
         energy: Costs of actions.
+        loss: The loss of the last mission.
+        efforts: What each agent did in it.
     """
 
     layout: Layout
@@ -41,20 +46,24 @@ class Replayer:
     after: Mapping[str, SAModel]
     reward: RewardModel
     energy: EnergyModel
+    loss: MissionLoss
+    efforts: Mapping[str, Effort]
+    _tables: tuple[Tables, Tables] = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_tables", (self._score_all(self.before), self._score_all(self.after)))
 
     def __call__(self, agent: str, candidates: Sequence[Weights]) -> list[float]:
-        """How much larger the agent's cost is with the next models and these weights than it was in the last mission.
+        """The agent's loss with the next models and these weights.
 
-        Both are replayed, so what is wrong in the belief is wrong in both.
+        The last mission is replayed too, and only the difference to it counts: what is wrong in the belief is wrong
+        in both.
         """
         index = list(self.agents).index(agent)
-        before, after = self._tables  # type: ignore[attr-defined]  # set once, in __post_init__
+        before, after = self._tables
         scores = [blend(before, self.flown[agent]), *(blend(after, weights) for weights in candidates)]
-        costs = self._costs(index, np.stack(scores))
-        return [cost - costs[0] for cost in costs[1:]]
+        last, *others = self._efforts(index, np.stack(scores))
+        return [self.loss.of(self.efforts[agent].plus(other, minus=last)) for other in others]
 
     def _score_all(self, models: Mapping[str, SAModel]) -> dict[str, NDArray[np.float64]]:
         """Scores of each model in each state with data, [cells, len(MOVES)]; 0 elsewhere."""
@@ -65,17 +74,12 @@ class Replayer:
             tables[key][valid] = model.scores(self.ssv[valid])
         return tables
 
-    def _costs(self, agent: int, scores: NDArray[np.float64]) -> list[float]:
+    def _efforts(self, agent: int, scores: NDArray[np.float64]) -> list[Effort]:
         flown = fly_alone(self.layout, agent, scores, self.reward, self.reward.reward(self.ssv))
+        energies_j = [self.energy.flight(flown.counts(mission, 0)).energy_j for mission in range(len(scores))]
         return [
-            own_cost(
-                self.layout,
-                agent,
-                int(flown.captures[mission, 0]),
-                self.energy.flight(flown.counts(mission, 0)).energy_j,
-                self.energy,
-            )
-            for mission in range(len(scores))
+            effort(self.layout, agent, int(flown.captures[mission, 0]), energy_j, self.energy)
+            for mission, energy_j in enumerate(energies_j)
         ]
 
 

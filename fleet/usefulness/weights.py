@@ -23,7 +23,7 @@ from fleet.usefulness.candidates import around, directions, replayed
 from fleet.usefulness.history import History, Observation, Weights
 
 Replay = Callable[[str, Sequence[Weights]], Sequence[float]]
-"""From an agent and weights to how much larger the agent's loss would be than in the mission that it flew last."""
+"""From an agent and weights to the loss that the agent would have with each of them."""
 
 MISSION_NOISE_SD = 0.02
 """Standard deviation of a mission's loss for the same weights, in units of the loss."""
@@ -84,9 +84,6 @@ def usefulness(
     return {model: mean if mean > 0 or model in flown else None for model, mean in sorted(means.items())}
 
 
-_Replay = Callable[[NDArray[np.float64]], Sequence[float]]
-
-
 def _of(agent: str, replay: Replay | None) -> Callable[[Sequence[Weights]], Sequence[float]] | None:
     return None if replay is None else lambda weights: replay(agent, weights)
 
@@ -107,14 +104,15 @@ def _improve(
     best = points[len(losses) - 1 - int(np.argmin(losses[::-1]))]  # the latest of equals
     if replay is not None and learning.replays:
         tried = replayed(best, points[-1], learning.replays, seed)
-        gained = np.asarray(replay([_weights_at(point, keys) for point in tried]))
+        believed = np.asarray(replay([_weights_at(point, keys) for point in tried]))
         points = np.concatenate([points, tried])
-        losses = np.concatenate([losses, losses[-1] + gained])
+        losses = np.concatenate([losses, believed])
         noise_sd = np.concatenate([noise_sd, np.full(len(tried), MISSION_NOISE_SD * learning.replay_noise)])
     if len(np.unique(points, axis=0)) < 2:
-        return around(best, np.full((1, len(keys)), 1.0 / len(keys)))[0]
+        return np.asarray(around(best, np.full((1, len(keys)), 1.0 / len(keys)))[0])
     candidates = np.concatenate([best[None], around(best, directions(len(keys), seed)), points[len(flown) :]])
-    return candidates[int(np.argmax(expected_improvement(points, losses, noise_sd, candidates, seed)))]
+    gain = expected_improvement(points, losses, noise_sd, candidates, seed)
+    return np.asarray(candidates[int(np.argmax(gain))])
 
 
 def _point(weights: Weights, keys: Sequence[str]) -> NDArray[np.float64]:

@@ -21,6 +21,8 @@ WORKFLOW = _resources(cpu=("100m", "1"), memory=("128Mi", "512Mi"))
 FUNCTION = _resources(cpu=("100m", "1"), memory=("128Mi", "512Mi"))
 TRAINER = _resources(cpu=("1", "2"), memory=("512Mi", "1536Mi"))
 AGGREGATOR = _resources(cpu=("250m", "1"), memory=("160Mi", "512Mi"))
+SMALLEST_AGGREGATOR = Amounts(cpu="50m", memory="160Mi")
+"""What a share is raised to: an interpreter with numpy and the records of one mission."""
 
 PERMANENT_EXIT_CODES = (int(ExitCode.USAGE), int(ExitCode.PERMANENT))
 """The same input fails again, so the Job fails at once."""

@@ -8,7 +8,7 @@ from typing import Any
 from fleet_operator.compiler import defaults
 from fleet_operator.compiler.containers import Program, container, readiness, sidecar
 from fleet_operator.compiler.jobs import Identity, job, labels
-from fleet_operator.compiler.quantities import limited, settled, whole_cores
+from fleet_operator.compiler.quantities import of_share, settled, whole_cores
 from fleet_operator.compiler.target import AggregatorTerms, Target, user_functions
 from fleet_operator.resources import names
 from fleet_operator.resources.roles import REAL_TIME_LEVEL, TRAINER_LEVEL, Role, TrainerTask
@@ -91,12 +91,12 @@ def compile_retraining(target: Target, mission: int, terms: Sequence[AggregatorT
 
 
 def aggregator_job(target: Target, mission: int, terms: AggregatorTerms) -> Manifest:
-    """The aggregator of one subset, with its share as limits; suspended at level 0."""
-    given = settled(target.fleet.aggregation.resources, defaults.AGGREGATOR, "spec.aggregation.resources")
+    """The aggregator of one subset, suspended at level 0; resources of the FleetSpec go before its share."""
+    default = defaults.AGGREGATOR if terms.share is None else of_share(terms.share, defaults.SMALLEST_AGGREGATOR)
     program = Program(
         names.main_container(Role.AGGREGATOR),
         ("python", "-m", "fleet.runtime", "aggregator"),
-        limited(given, terms.cpu_cores, terms.memory_bytes),
+        settled(target.fleet.aggregation.resources, default, "spec.aggregation.resources"),
         {"FLEET_MISSION": str(mission), "FLEET_SUBSET": terms.subset, "FLEET_LEVEL": str(terms.level)},
     )
     name = names.mission_job(Role.AGGREGATOR, target.spec.name, mission, terms.subset)

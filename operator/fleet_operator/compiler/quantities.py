@@ -7,6 +7,7 @@ from typing import Literal
 
 from fleet.errors import Problem, SpecError
 from fleet.spec.base import Amounts, Resources, quantity_value
+from fleet_operator.policy.shares import Capacity, Share
 
 _Kind = Literal["cpu", "memory"]
 
@@ -28,17 +29,12 @@ def settled(given: Resources, default: Resources, path: str) -> Resources:
     )
 
 
-def limited(resources: Resources, cpu_cores: float | None, memory_bytes: int | None) -> Resources:
-    """Lower the limits to a share, but never below the requests: a pod below these would only die."""
-    limits = Amounts(
-        cpu=_capped(resources.limits.cpu, resources.requests.cpu, None if cpu_cores is None else cpu_text(cpu_cores)),
-        memory=_capped(
-            resources.limits.memory,
-            resources.requests.memory,
-            None if memory_bytes is None else memory_text(memory_bytes),
-        ),
+def of_share(share: Share, smallest: Amounts) -> Resources:
+    """A share as resources, never below what an aggregator needs to start: below that it would only die."""
+    return Resources(
+        requests=_at_least(share.request, smallest),
+        limits=_at_least(share.limit, smallest),
     )
-    return Resources(requests=resources.requests, limits=limits)
 
 
 def to_manifest(resources: Resources) -> dict[str, dict[str, str]]:
@@ -77,8 +73,8 @@ def _pair(given: Resources, default: Resources, kind: _Kind, path: str) -> tuple
     return (request, request) if given_request else (limit, limit)
 
 
-def _capped(limit: str | None, request: str | None, share: str | None) -> str | None:
-    if share is None or limit is None or request is None:
-        return limit
-    lowered = min(limit, share, key=quantity_value)
-    return max(request, lowered, key=quantity_value)
+def _at_least(capacity: Capacity, smallest: Amounts) -> Amounts:
+    return Amounts(
+        cpu=max(cpu_text(capacity.cores), smallest.cpu or "0", key=quantity_value),
+        memory=max(memory_text(int(capacity.memory_bytes)), smallest.memory or "0", key=quantity_value),
+    )

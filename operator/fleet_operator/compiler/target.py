@@ -8,6 +8,7 @@ from fleet.spec.functions import EvalSpec, FunctionSpec, MapSpec
 from fleet.spec.resources import Fleet, FleetSpec
 from fleet_operator.compiler.bundle import Bundle
 from fleet_operator.compiler.settings import Settings
+from fleet_operator.policy.shares import Share
 
 
 @dataclass(frozen=True)
@@ -67,10 +68,9 @@ class AggregatorTerms:
     Args:
         subset: Key of the subset.
         level: Scheduling level 0..9; 0 is suspended.
-        cpu_cores, memory_bytes: Its share; None leaves the default limit.
+        share: Its CPU and memory; None leaves the defaults.
     """
 
     subset: str
     level: int
-    cpu_cores: float | None = None
-    memory_bytes: int | None = None
+    share: Share | None = None

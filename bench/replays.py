@@ -1,0 +1,359 @@
+"""Do replays of a mission's own records help to find weights over the models?
+
+    PYTHONPATH=. python bench/replays.py [--seeds 8] [--missions 5] [--fields synthetic 2018-08-02 2018-09-16]
+
+Four agents fly a field several times. SA was trained on another field; after each mission the models of all subsets
+of agents are retrained. Two models are planted among them: a useless one (random scores) and a harmful one (of 24
+random models the one that loses most when it is flown alone). Weights are proposed with replays, without, and not at all
+(uniform; first model alone). The same seeds go through all four, so differences are paired.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from fleet.aggregation.retrain import retrain
+from fleet.aggregation.subsets import Subset, subsets_for
+from fleet.contexts.base import Environment
+from fleet.contexts.grid import Grid
+from fleet.energy.accounting import EnergyModel
+from fleet.energy.profiles import load_aircraft, load_edge
+from fleet.functions.evaluation import truth_metrics
+from fleet.functions.extrapolation import neighbour_mean
+from fleet.learning.blend import blend
+from fleet.learning.experience import from_trace
+from fleet.learning.goals import Objective
+from fleet.learning.model import Fit, SAModel
+from fleet.learning.qlearning import QLearning
+from fleet.learning.reward import Normaliser, RewardModel
+from fleet.missions.documents import INITIAL
+from fleet.missions.layout import MOVES, Layout, plan_layout
+from fleet.missions.records import Record
+from fleet.simulator.batch import Batch, Flown, fly
+from fleet.spec.learning import OnlineLearning, Retraining, SASpec, WeightLearner
+from fleet.spec.resources import Fleet
+from fleet.spec.swarm import Agents, Goal, Groups, StateSpace
+from fleet.usefulness.belief import believed_ssv
+from fleet.usefulness.history import History, Observation
+from fleet.usefulness.loss import Effort, MissionLoss, effort, full_energy_j, part_cells
+from fleet.usefulness.replay import Replayer
+from fleet.usefulness.weights import first_weights, propose_weights
+
+ROOT = Path(__file__).resolve().parent.parent
+AGENTS = [f"agent-{number}" for number in range(1, 5)]
+FEATURES = ("exg", "lai", "brightness")
+ENERGY = EnergyModel(load_aircraft("spark-survey"), load_edge("laptop-i5"))
+USELESS, HARMFUL = "useless", "harmful"
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """A field with the SSV of each cell, and the true quantity, which is the first feature."""
+
+    environment: Environment
+    layout: Layout
+    ssv: NDArray[np.float64]
+
+
+def corn(date: str, data: Path) -> Field:
+    """The real field: pictures in a cell are averaged."""
+    sums: dict[tuple[int, int], list[list[float]]] = defaultdict(list)
+    with (data / "corn-cube" / f"{date}.csv").open() as file:
+        for row in csv.DictReader(file):
+            sums[int(row["row"]), int(row["col"])].append([float(row[name]) for name in FEATURES])
+    cube = np.full((max(r for r, _ in sums) + 1, max(c for _, c in sums) + 1, len(FEATURES)), np.nan)
+    for (row, column), values in sums.items():
+        cube[row, column] = np.mean(values, axis=0)
+    return _field(date, cube)
+
+
+def synthetic(seed: int) -> Field:
+    """A smooth random field of 36 x 30 cells with noise; the second feature follows it, the third does not."""
+    generator = np.random.default_rng(seed)
+
+    def smooth(width: float) -> NDArray[np.float64]:
+        values = gaussian_filter(generator.normal(size=(36, 30)), width)
+        return np.asarray(values / values.std())
+
+    truth = 100 + 12 * (0.9 * smooth(2.5) + 0.45 * generator.normal(size=(36, 30)))
+    cube = np.stack([truth, 0.01 * truth + 0.1 * generator.normal(size=truth.shape), smooth(1.5)], axis=2)
+    cube[generator.random(truth.shape) < 0.05] = np.nan
+    return _field(f"synthetic-{seed}", cube)
+
+
+def _field(name: str, cube: NDArray[np.float64]) -> Field:
+    grid = Grid(np.isfinite(cube).all(axis=2), 11.9, 8.9)
+    space = StateSpace(context="field", groups=Groups(rows=4, columns=4))
+    layout = plan_layout(grid, space, Agents(count=4).resolved)
+    return Field(Environment(name, name, grid, "exg", cube[..., 0]), layout, cube.reshape(-1, cube.shape[2]))
+
+
+def batch_of(
+    field: Field, reward: RewardModel, scores: NDArray[np.float64], exploration: float, missions: int
+) -> Batch:
+    """Missions in which each agent has its own score table."""
+    return Batch(
+        scores=scores,
+        table=np.tile(np.arange(len(scores)) % 4 if len(scores) == 4 else np.zeros(4, np.int64), (missions, 1)),
+        rewards=reward.reward(np.nan_to_num(field.ssv))[None],
+        reward_of=np.zeros(missions, np.int64),
+        utility_thresholds=np.full(missions, reward.utility_threshold),
+        visited_thresholds=np.full(missions, reward.visited_threshold, np.int64),
+        exploration=np.full(missions, exploration),
+        missions=np.arange(missions),
+    )
+
+
+def scores_of(model: SAModel, ssv: NDArray[np.float64]) -> NDArray[np.float64]:
+    table = np.zeros((len(ssv), len(MOVES)))
+    valid = np.isfinite(ssv).all(axis=1)
+    table[valid] = model.scores(ssv[valid])
+    return table
+
+
+def trained(field: Field, reward: RewardModel, seed: int) -> QLearning:
+    """SA after simulated missions over a field."""
+    model = QLearning.blank(SASpec(), FEATURES, reward.normaliser, seed)
+    for turn in range(4):
+        scores = scores_of(model, field.ssv)[None]
+        flown = fly(field.layout, batch_of(field, reward, scores, 1.0 if turn == 0 else 0.3, 4), traced=True)
+        assert flown.trace is not None
+        rewards = reward.reward(np.nan_to_num(field.ssv))
+        model = model.updated(from_trace(flown.trace, field.ssv, rewards), Fit(epochs=2, seed=seed + turn))
+    return model
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """A flown mission."""
+
+    loss: float
+    accuracy: float
+    energy_j: float
+    believed: MissionLoss
+    efforts: dict[str, Effort]
+    logs: dict[str, tuple[Record, ...]]
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """The field as it is in one mission, and what is demanded."""
+
+    field: Field
+    reward: RewardModel
+    objective: Objective
+
+    def fly(self, weights: Mapping[str, Mapping[str, float]], models: Mapping[str, SAModel], log: bool) -> Outcome:
+        """Fly and evaluate with the truth."""
+        field = self.field
+        tables = {key: scores_of(model, field.ssv) for key, model in models.items()}
+        scores = np.stack([blend(tables, weights[agent]) for agent in AGENTS])
+        flown = fly(field.layout, batch_of(field, self.reward, scores, 0.0, 1), traced=True)
+        energies = [ENERGY.flight(flown.counts(0, n)).energy_j for n in range(4)]
+        grid = field.environment.grid
+        seen = np.where(flown.captured[0], field.ssv[:, 0], np.nan).reshape(grid.rows, grid.columns)
+        metrics = truth_metrics(neighbour_mean(seen, grid), field.environment)
+        metrics["uav_energy_j"] = sum(energies)
+        sizes = [part_cells(field.layout, n) for n in range(4)]
+        all_j = sum(full_energy_j(field.layout, n, ENERGY) for n in range(4))
+        captures = flown.captures[0].tolist()
+        efforts = {a: effort(field.layout, n, captures[n], energies[n], ENERGY) for n, a in enumerate(AGENTS)}
+        whole = Effort(sum(captures) / sum(sizes), sum(energies) / all_j)
+        believed = MissionLoss(self.objective, metrics, whole, all_j)
+        logs = records_of(flown, field) if log else {}
+        loss = self.objective.loss(metrics, all_j)
+        return Outcome(loss, metrics["accuracy"], sum(energies), believed, efforts, logs)
+
+
+def records_of(flown: Flown, field: Field) -> dict[str, tuple[Record, ...]]:
+    """The logs that the workflows would have left."""
+    trace = flown.trace
+    assert trace is not None
+    logs = {}
+    for n, agent in enumerate(AGENTS):
+        records = []
+        for step in range(int(trace.steps[0, n])):
+            cell, captured = int(trace.cell[0, n, step]), bool(trace.captured[0, n, step])
+            row, column = field.environment.grid.position(cell)
+            ssv = tuple(field.ssv[cell].tolist()) if captured else ()
+            legal, move = int(trace.legal[0, n, step]), int(trace.move[0, n, step])
+            records.append(Record(step, cell, row, column, captured, ssv, legal, move, "", 0.0, 0.0))
+        logs[agent] = tuple(records)
+    return logs
+
+
+def planted(world: World, seed: int) -> dict[str, SAModel]:
+    """A useless and a harmful model."""
+    generator = np.random.default_rng(seed)
+    blank = QLearning.blank(SASpec(), FEATURES, world.reward.normaliser, seed)
+    chance = [replace(blank, weights=generator.normal(size=blank.weights.shape)) for _ in range(24)]
+    losses = [world.fly({a: {"x": 1.0} for a in AGENTS}, {"x": model}, log=False) for model in chance]
+    worst = int(np.argmax([each.energy_j - 1e6 * each.accuracy for each in losses]))
+    return {USELESS: chance[(worst + 1) % 24], HARMFUL: chance[worst]}
+
+
+@cache
+def subsets() -> tuple[Subset, ...]:
+    fleet = Fleet.model_validate(
+        {
+            "agents": {"count": 4},
+            "stateSpace": {"context": "c"},
+            "map": {"function": "a:b"},
+            "eval": {"function": "a:b"},
+            "contexts": [{"name": "c", "uri": "c"}],
+            "goals": [{"metric": "accuracy", "atLeast": 0.7}],
+        }
+    )
+    return subsets_for(fleet)
+
+
+def shaken(world: World, seed: int) -> World:
+    """The same field on another day: SSVs vary a little, and so does the truth."""
+    ssv = world.field.ssv
+    noise = np.random.default_rng(seed).normal(size=ssv.shape) * 0.1 * np.nanstd(ssv, axis=0)
+    return replace(world, field=replace(world.field, ssv=ssv + noise))
+
+
+def campaign(
+    world: World, first: dict[str, SAModel], learning: OnlineLearning | None, missions: int, seed: int
+) -> tuple[list[Outcome], list[dict[str, dict[str, float]]]]:
+    """All missions of one fleet; learning None flies the first model alone."""
+    models = {INITIAL: first[INITIAL]}
+    weights = first_weights(AGENTS)
+    history = History()
+    outcomes, all_weights = [], []
+    for number in range(1, missions + 1):
+        today = shaken(world, 1000 * seed + number)
+        outcome = today.fly(weights, models, log=True)
+        outcomes.append(outcome)
+        all_weights.append(weights)
+        efforts, loss = outcome.efforts, outcome.believed
+        seen = tuple(Observation(number, agent, weights[agent], loss.of(efforts[agent])) for agent in AGENTS)
+        history = History(history.observations + seen)
+        if learning is None:
+            continue
+        before = models
+        models = dict(first)
+        for subset in subsets():
+            start = before.get(subset.key, first[INITIAL])
+            logs = outcome.logs
+            models[subset.key] = retrain(start, logs, subset, world.reward, learning.retraining, seed + number)[0]
+        replayer = None
+        if learning.replays:
+            belief = believed_ssv(world.field.environment.grid, outcome.logs)
+            layout = world.field.layout
+            replayer = Replayer(layout, AGENTS, belief, weights, before, models, world.reward, ENERGY, loss, efforts)
+        weights = propose_weights(history, list(models), AGENTS, learning, seed, replayer)
+    return outcomes, all_weights
+
+
+def arms() -> dict[str, OnlineLearning | None]:
+    return {
+        "first model alone": None,
+        "uniform": OnlineLearning(weights=WeightLearner.UNIFORM, replays=0),
+        "EI, no replays": OnlineLearning(replays=0),
+        "EI, 16 replays": OnlineLearning(replays=16),
+    }
+
+
+def world_of(name: str, seed: int, data: Path) -> tuple[World, World]:
+    """The field that is flown, and the one that SA was trained on."""
+    other = {"2018-08-02": "2018-06-01", "2018-09-16": "2018-08-02", "2018-06-01": "2018-09-16"}
+    flown = synthetic(seed) if name == "synthetic" else corn(name, data)
+    known = synthetic(seed + 500) if name == "synthetic" else corn(other[name], data)
+    normaliser = Normaliser.over([known.ssv])
+    weights = tuple(np.random.default_rng(seed).random(len(FEATURES)).tolist())
+    reward = RewardModel(
+        features=FEATURES, weights=weights, normaliser=normaliser, utility_threshold=0.45 * 8 * sum(weights),
+        visited_threshold=9, loss=0.0, goals_met=True,
+    )  # fmt: skip
+    return World(flown, reward, objective(0.7)), World(known, reward, objective(0.7))
+
+
+def objective(accuracy: float) -> Objective:
+    return Objective((Goal(metric="accuracy", at_least=accuracy),), "uav_energy_j")
+
+
+def correlation(world: World, first: dict[str, SAModel], seed: int) -> tuple[float, float]:
+    """How well replays order weights: rank correlation with the true energy+unseen cost, and with the true loss."""
+    from scipy.stats import spearmanr
+
+    flown = world.fly(first_weights(AGENTS), first, log=True)
+    models = dict(first)
+    for subset in subsets():
+        models[subset.key] = retrain(first[INITIAL], flown.logs, subset, world.reward, Retraining(), seed)[0]
+    belief = believed_ssv(world.field.environment.grid, flown.logs)
+    replayer = Replayer(
+        world.field.layout, AGENTS, belief, first_weights(AGENTS), first, models, world.reward, ENERGY,
+        flown.believed, flown.efforts,
+    )  # fmt: skip
+    keys = sorted(models)
+    points = np.concatenate([np.eye(len(keys)), np.random.default_rng(seed).dirichlet(np.full(len(keys), 0.3), 24)])
+    candidates = [dict(zip(keys, point.tolist(), strict=True)) for point in points]
+    believed = np.mean([replayer(agent, candidates) for agent in AGENTS], axis=0)
+    true = [world.fly(dict.fromkeys(AGENTS, candidate), models, log=False) for candidate in candidates]
+    losses = [each.loss for each in true]
+    smooth = [each.believed.of(each.believed.whole) for each in true]
+    return float(spearmanr(believed, smooth)[0]), float(spearmanr(believed, losses)[0])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--seeds", type=int, default=8)
+    parser.add_argument("--missions", type=int, default=5)
+    parser.add_argument("--fields", nargs="+", default=["synthetic", "2018-08-02", "2018-09-16"])
+    parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data")
+    arguments = parser.parse_args()
+    for name in arguments.fields:
+        for tightness in (-0.1, 0.01):
+            print(f"== {name}, goal {tightness:+.2f} of what the first model reaches")
+            measure(name, tightness, arguments)
+
+
+def measure(name: str, tightness: float, arguments: argparse.Namespace) -> None:
+    losses: dict[str, list[float]] = defaultdict(list)
+    harm: dict[str, list[float]] = defaultdict(list)
+    ranks = []
+    for seed in range(arguments.seeds):
+        world, known = world_of(name, seed, arguments.data)
+        first: dict[str, SAModel] = {INITIAL: trained(known.field, world.reward, seed)}
+        first |= planted(world, seed)
+        alone = world.fly(first_weights(AGENTS), first, log=False).accuracy
+        world = replace(world, objective=objective(alone + tightness))
+        ranks.append(correlation(world, first, seed))
+        for arm, learning in arms().items():
+            outcomes, weights = campaign(world, first, learning, arguments.missions, seed)
+            losses[arm].append(float(np.mean([each.loss for each in outcomes[1:]])))
+            harm[arm].append(float(np.mean([[own.get(HARMFUL, 0) for own in each.values()] for each in weights[1:]])))
+            if seed == 0:
+                print(arm, [(round(o.loss, 3), round(o.accuracy, 3), round(o.energy_j / 1e3)) for o in outcomes])
+    print(
+        "rank correlation replay/true smooth loss, replay/true loss:",
+        np.round(np.mean(ranks, axis=0), 2),
+        np.round(ranks, 2).tolist(),
+    )
+    base = np.array(losses["first model alone"])
+    for arm, values in losses.items():
+        gain = np.array(values) - base
+        error = gain.std(ddof=1) / np.sqrt(len(gain)) if len(gain) > 1 else 0
+        print(
+            f"{arm:20s} loss {np.mean(values):.4f}  against first alone {gain.mean():+.4f} +- {error:.4f}  harmful {np.mean(harm[arm]):.3f}"
+        )
+    gain = np.array(losses["EI, 16 replays"]) - np.array(losses["EI, no replays"])
+    print(
+        f"replays - none: {gain.mean():+.4f} +- {gain.std(ddof=1) / np.sqrt(len(gain)):.4f}, better in {np.mean(gain < 0):.0%}"
+    )
+
+
+if __name__ == "__main__":
+    main()

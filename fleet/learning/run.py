@@ -1,0 +1,81 @@
+"""What a run of shaping or training is given beside its problem, and what both do alike."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from fleet.learning.checkpoint import Checkpoint, fingerprint
+from fleet.learning.goals import Objective
+from fleet.learning.model import SAModel
+from fleet.learning.practice import Grounds, visit_everything
+from fleet.learning.progress import Listener, nobody
+from fleet.spec.resources import Fleet
+from fleet.storage.port import Storage
+
+_RELEASE = 1
+"""Raised whenever the same problem would give another result: old checkpoints then count for nothing."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """How to run.
+
+    Args:
+        storage, folder: Where checkpoints are kept.
+        seed: Fixes the result.
+        workers: Worker processes; the result does not depend on it.
+        pretrained: SA to start from; blank when left out.
+        version: Anything else that the result depends on, such as the version of Eval().
+        listener: Told about progress.
+    """
+
+    storage: Storage
+    folder: str
+    seed: int = 0
+    workers: int = 1
+    pretrained: SAModel | None = None
+    version: str = ""
+    listener: Listener = nobody
+
+    def checkpoint(self, name: str, fleet: Fleet, grounds: Grounds, *more: object) -> Checkpoint:
+        """The checkpoint of a problem."""
+        spec = fleet.model_dump_json(
+            include={"agents", "state_space", "goals", "sa", "ha", "reward_shaping", "training"}
+        )
+        terrains = [
+            part
+            for terrain in grounds.terrains
+            for part in (terrain.environment.digest, terrain.ssv.tobytes(), terrain.layout.parts, terrain.layout.starts)
+        ]
+        pretrained = self.pretrained.to_bytes() if self.pretrained else b""
+        mark = fingerprint(
+            _RELEASE, spec, self.seed, self.version, pretrained, grounds.features, grounds.agents, grounds.energy,
+            *terrains, *more,
+        )  # fmt: skip
+        return Checkpoint(self.storage, f"{self.folder}/{name}.json", mark)
+
+
+def objective_of(fleet: Fleet, contexts: int) -> Objective:
+    """The loss of the FleetSpec's goals over so many contexts."""
+    shaping = fleet.reward_shaping
+    return Objective(fleet.goals, shaping.minimise, shaping.margin, contexts)
+
+
+def references(fleet: Fleet, grounds: Grounds) -> tuple[float, ...]:
+    """The metric to minimise of a mission that visits everything, for each context; NaN where Eval() gives none."""
+    name = fleet.reward_shaping.minimise
+    return tuple(float(metrics.get(name, math.nan)) for metrics in visit_everything(grounds))
+
+
+def total_loss(objective: Objective, missions: Sequence[Mapping[str, float]], reference: Sequence[float]) -> float:
+    """Sum of the losses over the contexts."""
+    return sum(objective.loss(metrics, scale) for metrics, scale in zip(missions, reference, strict=True))
+
+
+def shown(fleet: Fleet, metrics: Mapping[str, float]) -> dict[str, float | None]:
+    """The metrics that goals and costs speak of; None for those that are no finite number."""
+    names = sorted({goal.metric for goal in fleet.goals} | {fleet.reward_shaping.minimise})
+    values = {name: metrics.get(name, math.nan) for name in names}
+    return {name: float(value) if math.isfinite(value) else None for name, value in values.items()}

@@ -1,0 +1,29 @@
+"""What one agent spent in a mission, from what it did; the same for simulated and flown missions."""
+
+from __future__ import annotations
+
+from fleet.energy.accounting import EnergyModel, FlightCounts
+from fleet.functions.contract import AgentMetrics
+
+
+def agent_metrics(agent: str, counts: FlightCounts, energy: EnergyModel, groups: int, explored: int) -> AgentMetrics:
+    """Account for one agent's flight.
+
+    Args:
+        agent: The agent's name.
+        counts: What it did.
+        energy: What that costs.
+        groups: State groups that are the agent's.
+        explored: State groups of these that are behind it.
+    """
+    cost = energy.flight(counts)
+    return AgentMetrics(
+        agent=agent,
+        steps=counts.steps,
+        captures=counts.captures,
+        time_s=cost.time_s,
+        uav_energy_j=cost.energy_j,
+        edge_energy_j=energy.edge_energy_j(counts, cost.time_s),
+        groups=groups,
+        groups_explored=explored,
+    )

@@ -1,0 +1,118 @@
+"""An agent's loss: that of the mission, as if every agent had done as this one did.
+
+The loss of a mission is one number for all agents. To tell what one agent's weights did, the mission's metrics are
+carried over to what the agent did in its own part: which share of its states it captured, and at which share of the
+energy that visiting all of them takes. No truth is needed; what Eval() said of the mission is enough:
+
+    energies and time       in proportion to the energy's share
+    shares of at least g    c' + (1 - c') (m - c) / (1 - c): what is captured is right, and of the rest as much as before
+    metrics of at most g    m (1 - c') / (1 - c): errors come from what is not captured
+
+with c the share that all agents captured, c' the agent's, and m the metric. Other metrics stay as they are. As c' is no
+sure guide to m', the loss is the mean over an error of m' with a standard deviation of `METRIC_SD`: near a goal it
+rises slowly instead of jumping.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fleet.energy.accounting import EnergyModel
+from fleet.learning.goals import Objective
+from fleet.missions.layout import Layout
+from fleet.spec.swarm import Action
+
+METRIC_SD = 0.02
+_DEVIATIONS = (-1.2816, -0.5244, 0.0, 0.5244, 1.2816)
+"""Middles of five equally likely parts of a normal distribution."""
+_PROPORTIONAL = ("uav_energy_j", "edge_energy_j", "energy_j", "time_s")
+
+
+@dataclass(frozen=True)
+class Effort:
+    """What was done in a part of the field, or in all of it.
+
+    Args:
+        captured: Share of its states with data that were captured, in [0, 1].
+        energy: Energy of the aircraft as a share of visiting and capturing all of them.
+    """
+
+    captured: float
+    energy: float
+
+    def plus(self, other: Effort, minus: Effort) -> Effort:
+        """This effort, changed by the difference of two others, within what is possible."""
+        return Effort(
+            min(1.0, max(0.0, self.captured + other.captured - minus.captured)),
+            max(0.0, self.energy + other.energy - minus.energy),
+        )
+
+
+def effort(layout: Layout, agent: int, captures: int, uav_energy_j: float, energy: EnergyModel) -> Effort:
+    """The effort of one agent in its part.
+
+    Args:
+        agent: Index of the agent.
+        captures: States captured; those outside of the part count as if they were in it.
+        uav_energy_j: Energy of its flight.
+    """
+    return Effort(min(1.0, captures / part_cells(layout, agent)), uav_energy_j / full_energy_j(layout, agent, energy))
+
+
+def part_cells(layout: Layout, agent: int) -> int:
+    """How many states with data are in an agent's part."""
+    first, end = layout.parts[agent]
+    return sum(len(group) for group in layout.groups[first:end])
+
+
+def full_energy_j(layout: Layout, agent: int, energy: EnergyModel) -> float:
+    """Energy of visiting and capturing every state of an agent's part without a detour."""
+    states = energy.move(Action.EAST) + energy.capture()
+    return (energy.take_off() + energy.land() + states * part_cells(layout, agent)).energy_j
+
+
+@dataclass(frozen=True)
+class MissionLoss:
+    """The loss of a mission, and of what it would have been.
+
+    Args:
+        objective: Goals, and the metric that decides when they are met.
+        metrics: What Eval() said.
+        whole: The effort of all agents together.
+        reference: The metric to minimise when every state is visited.
+    """
+
+    objective: Objective
+    metrics: Mapping[str, float]
+    whole: Effort
+    reference: float = 1.0
+
+    def of(self, part: Effort) -> float:
+        """The loss as if every agent had done as in one part."""
+        carried = self._carried(part)
+        shaken = [self._shaken(carried, METRIC_SD * deviation) for deviation in _DEVIATIONS]
+        return float(np.mean([self.objective.loss(metrics, self.reference) for metrics in shaken]))
+
+    def _carried(self, part: Effort) -> dict[str, float]:
+        carried = dict(self.metrics)
+        if self.whole.energy > 0:
+            for name in set(_PROPORTIONAL) & carried.keys():
+                carried[name] *= part.energy / self.whole.energy
+        unseen = 1.0 - self.whole.captured
+        for goal in self.objective.goals:
+            value = self.metrics.get(goal.metric)
+            if value is None or goal.metric in _PROPORTIONAL or unseen <= 0:
+                continue
+            if goal.at_least is not None and 0.0 <= value <= 1.0:
+                right = min(1.0, max(0.0, (value - self.whole.captured) / unseen))
+                carried[goal.metric] = part.captured + (1.0 - part.captured) * right
+            elif goal.at_most is not None:
+                carried[goal.metric] = value * (1.0 - part.captured) / unseen
+        return carried
+
+    def _shaken(self, carried: dict[str, float], error: float) -> dict[str, float]:
+        uncertain = {goal.metric for goal in self.objective.goals} - set(_PROPORTIONAL)
+        return {name: value + error if name in uncertain else value for name, value in carried.items()}

@@ -1,0 +1,84 @@
+"""What is decided before a mission and after it, from documents in storage: its order, and the aggregators' terms."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+
+from fleet.aggregation.subsets import subsets_for
+from fleet.missions.documents import INITIAL, MissionEvaluation, MissionOrder, ModelReference, WeightsDocument
+from fleet.spec.base import quantity_value
+from fleet.spec.resources import Fleet
+from fleet.storage.layout import FleetPaths
+from fleet.storage.port import Storage
+from fleet.usefulness.weights import first_weights, usefulness
+from fleet_operator.compiler.target import AggregatorTerms
+from fleet_operator.policy.level import levels
+from fleet_operator.policy.pruning import pruned
+from fleet_operator.policy.shares import Capacity, shares
+
+
+def write_order(storage: Storage, paths: FleetPaths, fleet: Fleet, number: int, subsets: Collection[str]) -> None:
+    """Write a mission's plan; for the first mission its weights before."""
+    if number == 1 and not storage.exists(paths.weights(1)):
+        agents = [agent.name for agent in fleet.agents.resolved]
+        weights = first_weights(agents)
+        models = [INITIAL, *subsets]
+        first = WeightsDocument(number=1, weights=weights, usefulness=usefulness(weights, models))
+        storage.write(paths.weights(1), first.model_dump_json(by_alias=True, indent=1).encode())
+    order = MissionOrder(
+        number=number,
+        context=fleet.state_space.context,
+        seed=fleet.missions.seed,
+        models=_models(storage, paths, number, subsets),
+        weights=read_weights(storage, paths, number).weights,
+    )
+    storage.write(paths.plan(number), order.model_dump_json(by_alias=True, indent=1).encode())
+
+
+def read_weights(storage: Storage, paths: FleetPaths, number: int) -> WeightsDocument:
+    """Weights that a mission flies with. Raises ObjectNotFound when they are not there yet."""
+    return WeightsDocument.model_validate_json(storage.read(paths.weights(number)))
+
+
+def read_evaluation(storage: Storage, paths: FleetPaths, number: int) -> MissionEvaluation:
+    """Evaluation of a mission. Raises ObjectNotFound when it is not over."""
+    return MissionEvaluation.model_validate_json(storage.read(paths.evaluation(number)))
+
+
+def aggregator_terms(
+    fleet: Fleet, history: Mapping[int, WeightsDocument], number: int, capacity: Capacity
+) -> tuple[AggregatorTerms, ...]:
+    """Level and share of each aggregator after a mission; one that is pruned or of level 0 is suspended.
+
+    Args:
+        history: The weights of missions 1..number.
+        capacity: CPU and memory of the machine.
+    """
+    known = history[number].usefulness
+    keys = [subset.key for subset in subsets_for(fleet)]
+    gone = pruned([history[each].usefulness for each in sorted(history) if each <= number], fleet.aggregation.pruning)
+    by_model = levels({**dict.fromkeys(keys), **known}, fleet.usefulness_scale)
+    chosen = {key: 0 if key in gone else by_model[key] for key in keys}
+    divided = shares(chosen, total_for(fleet, capacity), capacity)
+    return tuple(AggregatorTerms(key, chosen[key], divided.get(key)) for key in keys)
+
+
+def total_for(fleet: Fleet, capacity: Capacity) -> Capacity:
+    """What all aggregators share: the FleetSpec's amounts, else all that there is."""
+    scheduling = fleet.scheduling
+    return Capacity(
+        capacity.cores if scheduling.cpu is None else quantity_value(scheduling.cpu),
+        capacity.memory_bytes if scheduling.memory is None else quantity_value(scheduling.memory),
+    )
+
+
+def _models(storage: Storage, paths: FleetPaths, number: int, subsets: Collection[str]) -> tuple[ModelReference, ...]:
+    """The first model, and the latest of each subset that has one."""
+    there = {entry.path for entry in storage.list(f"{paths.root}/missions")}
+    found = [ModelReference(key=INITIAL, path=paths.initial_model)]
+    for subset in subsets:
+        candidates = [paths.model(mission, subset) for mission in range(number - 1, 0, -1)]
+        latest = next((path for path in candidates if path in there), None)
+        if latest is not None:
+            found.append(ModelReference(key=subset, path=latest))
+    return tuple(found)
