@@ -4,8 +4,8 @@
 
 Four agents fly a field several times. SA was trained on another field; after each mission the models of all subsets
 of agents are retrained. Two models are planted among them: a useless one (random scores) and a harmful one (of 24
-random models the one that loses most when it is flown alone). Weights are proposed with replays, without, and not at all
-(uniform; first model alone). The same seeds go through all four, so differences are paired.
+random models the one that loses most when it is flown alone). Weights are proposed with replays, without, and not at
+all (uniform; first model alone). The same seeds go through all four, so differences are paired.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
+from scipy.stats import spearmanr
 
 from fleet.aggregation.retrain import retrain
 from fleet.aggregation.subsets import Subset, subsets_for
@@ -144,6 +145,11 @@ class Outcome:
     efforts: dict[str, Effort]
     logs: dict[str, tuple[Record, ...]]
 
+    @property
+    def smooth(self) -> float:
+        """The loss without its jump at the goal."""
+        return self.believed.of(self.believed.whole)
+
 
 @dataclass(frozen=True, eq=False)
 class World:
@@ -197,9 +203,13 @@ def planted(world: World, seed: int) -> dict[str, SAModel]:
     generator = np.random.default_rng(seed)
     blank = QLearning.blank(SASpec(), FEATURES, world.reward.normaliser, seed)
     chance = [replace(blank, weights=generator.normal(size=blank.weights.shape)) for _ in range(24)]
-    losses = [world.fly({a: {"x": 1.0} for a in AGENTS}, {"x": model}, log=False) for model in chance]
-    worst = int(np.argmax([each.energy_j - 1e6 * each.accuracy for each in losses]))
+    worst = int(np.argmax([alone(world, model).smooth for model in chance]))
     return {USELESS: chance[(worst + 1) % 24], HARMFUL: chance[worst]}
+
+
+def alone(world: World, model: SAModel) -> Outcome:
+    """Every agent flies with one model."""
+    return world.fly({agent: {"it": 1.0} for agent in AGENTS}, {"it": model}, log=False)
 
 
 @cache
@@ -286,8 +296,6 @@ def objective(accuracy: float) -> Objective:
 
 def correlation(world: World, first: dict[str, SAModel], seed: int) -> tuple[float, float]:
     """How well replays order weights: rank correlation with the true energy+unseen cost, and with the true loss."""
-    from scipy.stats import spearmanr
-
     flown = world.fly(first_weights(AGENTS), first, log=True)
     models = dict(first)
     for subset in subsets():
@@ -303,7 +311,7 @@ def correlation(world: World, first: dict[str, SAModel], seed: int) -> tuple[flo
     believed = np.mean([replayer(agent, candidates) for agent in AGENTS], axis=0)
     true = [world.fly(dict.fromkeys(AGENTS, candidate), models, log=False) for candidate in candidates]
     losses = [each.loss for each in true]
-    smooth = [each.believed.of(each.believed.whole) for each in true]
+    smooth = [each.smooth for each in true]
     return float(spearmanr(believed, smooth)[0]), float(spearmanr(believed, losses)[0])
 
 
@@ -323,36 +331,33 @@ def main() -> None:
 def measure(name: str, tightness: float, arguments: argparse.Namespace) -> None:
     losses: dict[str, list[float]] = defaultdict(list)
     harm: dict[str, list[float]] = defaultdict(list)
-    ranks = []
+    ranks, worst = [], []
     for seed in range(arguments.seeds):
         world, known = world_of(name, seed, arguments.data)
         first: dict[str, SAModel] = {INITIAL: trained(known.field, world.reward, seed)}
+        goal = objective(alone(world, first[INITIAL]).accuracy + tightness)
+        world = replace(world, objective=goal)
         first |= planted(world, seed)
-        alone = world.fly(first_weights(AGENTS), first, log=False).accuracy
-        world = replace(world, objective=objective(alone + tightness))
+        worst.append(alone(world, first[HARMFUL]).smooth - alone(world, first[INITIAL]).smooth)
         ranks.append(correlation(world, first, seed))
         for arm, learning in arms().items():
             outcomes, weights = campaign(world, first, learning, arguments.missions, seed)
-            losses[arm].append(float(np.mean([each.loss for each in outcomes[1:]])))
-            harm[arm].append(float(np.mean([[own.get(HARMFUL, 0) for own in each.values()] for each in weights[1:]])))
-            if seed == 0:
-                print(arm, [(round(o.loss, 3), round(o.accuracy, 3), round(o.energy_j / 1e3)) for o in outcomes])
-    print(
-        "rank correlation replay/true smooth loss, replay/true loss:",
-        np.round(np.mean(ranks, axis=0), 2),
-        np.round(ranks, 2).tolist(),
-    )
-    base = np.array(losses["first model alone"])
+            losses[arm].append(float(np.mean([each.smooth for each in outcomes[1:]])))
+            given = [[own.get(HARMFUL, 0.0) for own in each.values()] for each in weights[1:]]
+            harm[arm].append(float(np.mean(given)))
+    rank = np.round(np.mean(ranks, axis=0), 2)
+    print(f"rank correlation of replays with the smooth loss {rank[0]}, with the loss {rank[1]}")
+    print(f"the harmful model flown alone: loss {np.mean(worst):+.4f}")
     for arm, values in losses.items():
-        gain = np.array(values) - base
-        error = gain.std(ddof=1) / np.sqrt(len(gain)) if len(gain) > 1 else 0
-        print(
-            f"{arm:20s} loss {np.mean(values):.4f}  against first alone {gain.mean():+.4f} +- {error:.4f}  harmful {np.mean(harm[arm]):.3f}"
-        )
-    gain = np.array(losses["EI, 16 replays"]) - np.array(losses["EI, no replays"])
-    print(
-        f"replays - none: {gain.mean():+.4f} +- {gain.std(ddof=1) / np.sqrt(len(gain)):.4f}, better in {np.mean(gain < 0):.0%}"
-    )
+        gain = _mean(np.array(values) - np.array(losses["first model alone"]))
+        print(f"{arm:18} loss {np.mean(values):.4f}, {gain} of first; weight of harmful {np.mean(harm[arm]):.3f}")
+    difference = np.array(losses["EI, 16 replays"]) - np.array(losses["EI, no replays"])
+    print(f"replays - none: {_mean(difference)}, better for {np.mean(difference < 0):.0%} of the seeds")
+
+
+def _mean(values: NDArray[np.float64]) -> str:
+    """Mean and its standard error."""
+    return f"{values.mean():+.4f} +- {values.std(ddof=1) / np.sqrt(len(values)):.4f}"
 
 
 if __name__ == "__main__":

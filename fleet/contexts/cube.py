@@ -68,6 +68,17 @@ class AutonomyCube:
         """Whether any observation of this date has a picture that is drawn and not taken."""
         return any(not self._stored.get(int(cell)) for cell in np.flatnonzero(self.environment.grid.valid))
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a user of the context should be told."""
+        if not self.renders:
+            return ()
+        shown = "excess green"
+        if self.manifest.render is not None:
+            scale = self.manifest.render
+            shown = f"{scale.feature} as excess green, 0 at {scale.low:g} and 100 at {scale.high:g}"
+        return (f"{self.manifest.name}: pictures are drawn from measured features, they show {shown}",)
+
     def at(self, date: str) -> AutonomyCube:
         """The same cube on another of its dates."""
         return AutonomyCube(self._content, date)

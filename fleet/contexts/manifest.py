@@ -160,7 +160,7 @@ def parse_manifest(data: bytes, where: str) -> CubeManifest:
     try:
         return CubeManifest.model_validate(_document(data, where))
     except ValidationError as error:
-        raise BrokenContext(where, [_problem(detail) for detail in error.errors()]) from error
+        raise BrokenContext(where, problems_of(error)) from error
 
 
 def manifest_text(manifest: CubeManifest) -> bytes:
@@ -185,6 +185,11 @@ def _document(data: bytes, where: str) -> dict[str, Any]:
     return document
 
 
+def problems_of(error: ValidationError) -> list[Problem]:
+    """What a manifest's model found, in words for the user."""
+    return [_problem(detail) for detail in error.errors()]
+
+
 def _problem(detail: Any) -> Problem:
     path = ".".join(str(part) for part in detail["loc"])
     match detail["type"]:
@@ -194,6 +199,9 @@ def _problem(detail: Any) -> Problem:
             return Problem(path, "is not a field of context.yaml", "remove it, or correct its name")
         case "literal_error" if path == "apiVersion":
             return Problem(path, f"is {detail['input']!r}", f"this version reads {CONTEXT_API_VERSION}")
+        case "string_pattern_mismatch" if path == "name":
+            hint = "use small letters, digits and -, such as field-2018-06-01"
+            return Problem(path, f"is {detail['input']!r}", hint)
         case "value_error":
             return Problem(path, detail["msg"].removeprefix("Value error, "))
         case _:

@@ -14,6 +14,7 @@ from fleet.functions.contract import Evaluation
 
 MAX_FEATURES = 1024
 MAX_METRICS = 1024
+MAX_NAME = 256
 MAX_ARTEFACTS = 64
 _SHOWN = 8
 
@@ -44,6 +45,10 @@ def check_ssv(answer: object, features: tuple[str, ...] | None) -> tuple[tuple[s
     for name in answer:
         if not isinstance(name, str) or not name:
             raise AnswerError(f"answered a feature whose name is {name!r}; names are texts")
+        if len(name) > MAX_NAME:
+            raise AnswerError(
+                f"answered a feature whose name has {len(name)} characters; a name has at most {MAX_NAME}"
+            )
     if features is not None and set(answer) != set(features):
         raise AnswerError(_other_features(features, answer))
     order = features or tuple(answer)

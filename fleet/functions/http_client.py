@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import weakref
 from typing import Any
 
 import httpx
@@ -15,7 +16,7 @@ PATIENCE_S = 15.0
 _GRACE_S = 2.0
 """So much longer than the function's own timeout we wait, so that the server's answer about it comes first."""
 _PAUSE_S = 0.1
-_OWN_ERRORS = frozenset({"Timeout", "BadAnswer", "BadRequest", "TooLarge"})
+_OWN_ERRORS = frozenset({"Timeout", "BadAnswer", "BadRequest", "TooLarge", "Ending"})
 """Errors of the contract itself, whose message needs no `raised ...` before it."""
 
 
@@ -32,6 +33,8 @@ class HttpFunction:
         self.timeout_s = timeout_s
         # The functions are on this machine or in this pod: a proxy of the environment must not come between.
         self._client = httpx.Client(trust_env=False, timeout=timeout_s + _GRACE_S)
+        # Clients of functions live as long as their owner and have no `close`: connections go with the last reference.
+        weakref.finalize(self, self._client.close)
 
     def describe(self) -> dict[str, Any]:
         """Answer of GET /describe. Raises CallError."""
@@ -51,19 +54,17 @@ class HttpFunction:
             raise CallError(Failure(f"the answer of {path} {error}; answer as docs/functions.md says")) from error
 
     def _patiently(self, method: str, path: str, body: bytes, limit_bytes: int) -> tuple[int, bytes]:
-        """Call, and wait while nobody listens at the address."""
+        """Call, and wait while nobody listens at the address or the server says that it is not ready (503)."""
         give_up = time.monotonic() + PATIENCE_S
         while True:
             try:
-                return self._once(method, path, body, limit_bytes)
+                status, data = self._once(method, path, body, limit_bytes)
+                if status != httpx.codes.SERVICE_UNAVAILABLE or time.monotonic() >= give_up:
+                    return status, data
             except (httpx.ConnectError, httpx.ConnectTimeout) as error:
                 if time.monotonic() >= give_up:
-                    raise CallError(
-                        Failure(
-                            f"nobody listens at {self.url} for {PATIENCE_S:g} s ({error}); start the function's server",
-                            passing=False,
-                        )
-                    ) from error
+                    text = f"nobody listens at {self.url} for {PATIENCE_S:g} s ({error}); start the function's server"
+                    raise CallError(Failure(text, passing=False)) from error
             time.sleep(_PAUSE_S)
 
     def _once(self, method: str, path: str, body: bytes, limit_bytes: int) -> tuple[int, bytes]:

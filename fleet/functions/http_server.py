@@ -52,6 +52,7 @@ def function_app(kind: Kind, function: Callable[..., Any], timeout_s: float) -> 
     """
     served = _ServedMap(function) if kind == "Map" else _ServedEval(function)
     turn = asyncio.Semaphore(1)
+    hung = False
 
     async def describe(_: Request) -> Response:
         return _json(200, {"kind": kind, "features": served.features, "version": served.version})
@@ -62,12 +63,15 @@ def function_app(kind: Kind, function: Callable[..., Any], timeout_s: float) -> 
         except wire.WireError as error:
             return _refuse(413, Failure(str(error), "TooLarge"))
         async with turn:
+            nonlocal hung
+            if hung:
+                return _refuse(503, Failure("the server is ending after a call that hung; try again soon", "Ending"))
             try:
                 status, data = await asyncio.wait_for(_in_thread(lambda: _answer(served, body)), timeout_s)
             except TimeoutError:
+                hung = True
                 stop = getattr(request.app.state, "stop", None)
-                task = BackgroundTask(stop, ExitCode.TRANSIENT) if stop else None
-                return _refuse(504, timed_out(timeout_s), task)
+                return _refuse(504, timed_out(timeout_s), BackgroundTask(stop, ExitCode.TRANSIENT) if stop else None)
         return Response(data, status, media_type="application/json")
 
     routes = [Route("/healthz", health), Route("/describe", describe)]
@@ -250,7 +254,8 @@ def _error(failure: Failure) -> bytes:
 
 
 def _refuse(status: int, failure: Failure, task: BackgroundTask | None = None) -> Response:
-    return Response(_error(failure), status, media_type="application/json", background=task)
+    headers = {"connection": "close"} if status >= 503 else {}
+    return Response(_error(failure), status, headers, "application/json", task)
 
 
 def _json(status: int, message: dict[str, Any]) -> Response:

@@ -122,8 +122,9 @@ def visit_everything(grounds: Grounds) -> list[Mapping[str, float]]:
     """Metrics of a mission over each terrain that leaves no state out: what costs are held against."""
     utility, visited = NEVER
     count = len(grounds.features)
+    nothing = Normaliser(low=(0.0,) * count, high=(1.0,) * count)
     thorough = RewardModel(
-        features=grounds.features, weights=(0.0,) * count, normaliser=Normaliser(low=(0.0,) * count, high=(1.0,) * count),
+        features=grounds.features, weights=(0.0,) * count, normaliser=nothing,
         utility_threshold=utility, visited_threshold=visited, loss=0.0, goals_met=False,
     )  # fmt: skip
     results = []

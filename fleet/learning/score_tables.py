@@ -18,7 +18,7 @@ from fleet.simulator.terrain import Terrain
 
 ALONE = {INITIAL: 1.0}
 """Weights of a policy of one model."""
-NEVER = (float("inf"), 2**31 - 1)
+NEVER = (1e300, 2**31 - 1)
 """Thresholds that are never passed: every state is visited."""
 
 

@@ -121,7 +121,7 @@ def parameters(fleet: Fleet, features: Sequence[str]) -> tuple[Dimension, ...]:
     unknown = sorted(set(given) - set(features))
     if unknown:
         raise TrainingError(
-            f"rewardShaping.weights names {', '.join(unknown)}, but Map() gives {', '.join(features)}; write one of these"
+            f"rewardShaping.weights names {', '.join(unknown)}; write a feature that Map() gives: {', '.join(features)}"
         )
     weights = [Dimension(f"weight of {name}", given.get(name, 0.0), given.get(name, 1.0)) for name in features]
     utility, visited = fleet.ha.utility_threshold, fleet.ha.visited_threshold

@@ -1,15 +1,21 @@
 """How metrics are written for people: by their name's ending, in a unit that keeps numbers short.
 
-`_j` is energy, `_s` is time; `accuracy`, `coverage` and names that end in `_share` are shares of 1.
+`_j` is energy, `_s` is time; names that end in `accuracy`, `coverage` or `_share` are shares of 1.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
-_SHARES = ("accuracy", "coverage")
-_FIRST = ("accuracy", "coverage", "time_s", "uav_energy_j", "edge_energy_j")
-_NAMES = {"time_s": "mission time", "uav_energy_j": "UAV energy", "edge_energy_j": "edge energy"}
+_SHARES = ("accuracy", "coverage", "_share")
+_FIRST = ("accuracy", "coverage", "time_s", "uav_energy_j", "edge_energy_j", "energy_j")
+_NAMES = {
+    "time_s": "mission time",
+    "uav_energy_j": "UAV energy",
+    "edge_energy_j": "edge energy",
+    "energy_j": "total energy",
+    "mae": "mean absolute error",
+}
 
 
 def ordered(metrics: Iterable[str]) -> list[str]:
@@ -18,7 +24,7 @@ def ordered(metrics: Iterable[str]) -> list[str]:
 
 
 def label(metric: str) -> str:
-    """The metric in words: `uav_energy_j` is UAV energy."""
+    """The metric in words: `uav_energy_j` is UAV energy, `distance_m` is distance m."""
     return _NAMES.get(metric, metric.removesuffix("_j").removesuffix("_s").replace("_", " "))
 
 
@@ -32,12 +38,14 @@ def scaled(metric: str) -> tuple[float, str]:
 
 
 def text(metric: str, value: float | None) -> str:
-    """A value with its unit: 71.3 %, 284.0 kJ, 47 min 12 s; a dash when there is none."""
+    """A value with its unit: 71.3 %, 284.0 kJ, 12.5 J, 47 min 12 s; a dash when there is none."""
     if value is None:
         return "–"  # noqa: RUF001  # an en dash is the usual sign for an empty cell of a table
     if metric.endswith("_s") and not is_share(metric):
         return duration(value)
     factor, unit = scaled(metric)
+    if unit == "kJ" and abs(value) < 1000:
+        return f"{value:.1f} J"
     if unit:
         return f"{value * factor:,.1f} {unit}"
     return f"{value:,.0f}" if float(value).is_integer() or abs(value) >= 10_000 else f"{value:.4g}"
@@ -54,4 +62,4 @@ def duration(seconds: float) -> str:
 
 def is_share(metric: str) -> bool:
     """Whether a metric is a share of 1."""
-    return metric in _SHARES or metric.endswith("_share")
+    return metric.endswith(_SHARES)

@@ -37,7 +37,7 @@ class MissionEnv(ParallelEnv[str, Observation, int]):  # type: ignore[misc] # pe
 
     An action is an index into MOVES. One that the mask does not allow is replaced by the first that it does, and
     `info["replaced"]` says so. The reward is R of the state that the move leads to. `info["states"]` is the number of
-    states visited since the last choice. Nothing is random, so seeds change nothing.
+    states visited since the last choice, `info["cell"]` the state that the agent is in. Nothing is random, so seeds change nothing.
 
     Args:
         layout: Who flies where.
@@ -93,7 +93,7 @@ class MissionEnv(ParallelEnv[str, Observation, int]):  # type: ignore[misc] # pe
         self.agents = list(self.possible_agents)
         self._flights = {name: Flight(self._layout, index, self._ha) for index, name in enumerate(self.agents)}
         states = {name: self._fly_on(name) for name in self.agents}
-        infos = {name: {"states": states[name], "replaced": False} for name in self.agents}
+        infos = {name: self._info(name, states[name]) for name in self.agents}
         return {name: self._observe(name) for name in self.agents}, infos
 
     def step(
@@ -113,11 +113,14 @@ class MissionEnv(ParallelEnv[str, Observation, int]):  # type: ignore[misc] # pe
     def _move(self, name: str, action: int) -> tuple[float, dict[str, Any]]:
         flight, arrival = self._flights[name], self._arrivals[name]
         if flight.landed:
-            return 0.0, {"states": 0, "replaced": False}
+            return 0.0, self._info(name, 0)
         allowed = bool(arrival.legal >> action & 1)
         flight.leave(arrival, action if allowed else (arrival.legal & -arrival.legal).bit_length() - 1)
         reward = float(self._rewards[flight.cell])
-        return reward, {"states": self._fly_on(name), "replaced": not allowed}
+        return reward, self._info(name, self._fly_on(name), replaced=not allowed)
+
+    def _info(self, name: str, states: int, replaced: bool = False) -> dict[str, Any]:
+        return {"states": states, "cell": self._flights[name].cell, "replaced": replaced}
 
     def _fly_on(self, name: str) -> int:
         """Do what needs no choice, until there is one or the agent has landed; the number of visited states."""

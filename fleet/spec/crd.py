@@ -133,7 +133,7 @@ def _root(kind: ResourceKind) -> dict[str, Any]:
     parts["metadata"] = {"type": "object", "properties": {"name": limits}}
     _without_defaults(parts["status"])
     schema["required"] = ["spec"]
-    _without_examples(schema)
+    _without_own_fields(schema)
     return schema
 
 
@@ -144,11 +144,12 @@ def _without_defaults(status: dict[str, Any]) -> None:
         _without_defaults(part)
 
 
-def _without_examples(schema: dict[str, Any]) -> None:
-    """Kubernetes knows no such field."""
+def _without_own_fields(schema: dict[str, Any]) -> None:
+    """Kubernetes refuses fields that it does not know."""
     schema.pop("x-examples", None)
+    schema.pop("x-title", None)
     for part in _inner(schema):
-        _without_examples(part)
+        _without_own_fields(part)
 
 
 def _inner(schema: dict[str, Any]) -> list[dict[str, Any]]:

@@ -24,7 +24,7 @@ def findings(errors: Iterable[ErrorDetails], schema: Schema) -> list[Finding]:
         errors: Of one validation.
         schema: Structural schema of the resource that was validated.
     """
-    told = [error for error in errors]
+    told = list(errors)
     meant = {_meant(error, schema) for error in told if error["type"] == "extra_forbidden"}
     broken = [error["loc"] for error in told]
     return [
@@ -55,24 +55,25 @@ def _finding(error: ErrorDetails, schema: Schema) -> Finding:
     context = error.get("ctx", {})
     match error["type"]:
         case "missing":
-            return Finding(path, "is missing", _example(path, part))
+            found = Finding(path, "is missing", _example(path, part))
         case "extra_forbidden":
-            return _unknown(error, schema)
+            found = _unknown(error, schema)
         case "enum" | "literal_error":
-            return _choice(path, value, part, context)
+            found = _choice(path, value, part, context)
         case "string_pattern_mismatch":
-            return Finding(path, *_pattern(str(value), context["pattern"]))
+            found = Finding(path, *_pattern(str(value), context["pattern"]))
         case "value_error":
             message, _, hint = str(context["error"]).partition("; ")
-            return Finding(path, message, hint)
+            found = Finding(path, message, hint)
         case "finite_number":
-            return Finding(path, f"must be a finite number, and is {value}")
+            found = Finding(path, f"must be a finite number, and is {value}")
         case kind if kind in _SIZES:
-            return Finding(path, _SIZES[kind].format(**context, length=_length(value)), _size_hint(kind, part))
+            found = Finding(path, _SIZES[kind].format(**context, length=_length(value)), _size_hint(kind, part))
         case kind if kind in _TYPES:
-            return Finding(path, f"must be {_TYPES[kind]}, and is {described(value)}", _type_hint(kind, value, part))
+            found = Finding(path, f"must be {_TYPES[kind]}, and is {described(value)}", _type_hint(kind, value, part))
         case _:
-            return Finding(path, f"{error['msg'][0].lower()}{error['msg'][1:]}, and it is {described(value)}")
+            found = Finding(path, f"{error['msg'][0].lower()}{error['msg'][1:]}, and it is {described(value)}")
+    return found
 
 
 _TYPES = {
@@ -130,25 +131,26 @@ def _size_hint(kind: str, part: Schema) -> str:
 def _type_hint(kind: str, value: Any, part: Schema) -> str:
     match kind, value:
         case "string_type", bool():
-            return "put it in quotes: YAML reads yes, no, on and off as true and false"
+            hint = "put it in quotes: YAML reads yes, no, on and off as true and false"
         case "string_type", int() | float() if "s|m|h" in part.get("pattern", ""):
-            return f"write a duration with its unit: {value}s"
+            hint = f"write a duration with its unit: {value}s"
         case "string_type", int() | float():
-            return f'put it in quotes: "{value}"'
+            hint = f'put it in quotes: "{value}"'
         case "int_type" | "float_type", str() if re.fullmatch(r"-?[0-9]+(\.[0-9]+)?", value):
-            return f"write it without quotes: {value}"
+            hint = f"write it without quotes: {value}"
         case "float_type", str() if re.fullmatch(r"[0-9.]+ *%", value):
-            return f"write it as a share: {float(value.rstrip(' %')) / 100:g}"
+            hint = f"write it as a share: {float(value.rstrip(' %')) / 100:g}"
         case "bool_type", str() | int():
-            return "write true or false, without quotes"
+            hint = "write true or false, without quotes"
         case "tuple_type", str():
-            return f"write it in brackets: [{value}]"
+            hint = f"write it in brackets: [{value}]"
         case "tuple_type", dict():
-            return "begin each item with `- `"
+            hint = "begin each item with `- `"
         case "model_type" | "dict_type", _:
-            return _sample(part)
+            hint = _sample(part)
         case _:
-            return ""
+            hint = ""
+    return hint
 
 
 def _example(path: Path, part: Schema) -> str:

@@ -48,14 +48,13 @@ def repaired(document: Any, errors: Iterable[ErrorDetails], schema: dict[str, An
 
 def _mend(document: Any, path: Path, schema: dict[str, Any]) -> bool:
     """Mends one value; false when the way to it is not there."""
-    around = document
+    around: Any = document
     try:
         for part in path[:-1]:
             around = around[part]
-        if not isinstance(around, dict | list):
-            return False
         parent, inner = schema_at(schema, path[:-1]) or {}, schema_at(schema, path)
-        if isinstance(around, dict) and (inner is None or path[-1] not in parent.get("required", ())):
+        required = path[-1] in parent.get("required", ())
+        if isinstance(around, dict) and not (required and inner):
             around.pop(path[-1], None)
         else:
             around[path[-1]] = _sample(inner or {})

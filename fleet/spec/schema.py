@@ -33,7 +33,7 @@ def _schema_of(model: type[BaseModel]) -> dict[str, Any]:
 def schema_of(model: type[BaseModel]) -> dict[str, Any]:
     """The structural schema of a resource or of a part of one, with nothing left to look up.
 
-    Beside Kubernetes' own fields it has `x-examples`, which `crd` takes out and the messages use.
+    Beside Kubernetes' own fields it has `x-examples` and, for objects, `x-title`: `crd` takes them out.
     """
     return deepcopy(_schema_of(model))
 
@@ -65,6 +65,8 @@ def _convert(schema: dict[str, Any], definitions: dict[str, Any]) -> dict[str, A
         schema["properties"] = {name: _convert(part, definitions) for name, part in schema["properties"].items()}
     if title in RULES and "properties" in schema:
         schema["x-kubernetes-validations"] = [rule.document for rule in RULES[title]]
+    if "properties" in schema:
+        schema["x-title"] = title
     if "examples" in schema:
         schema["x-examples"] = schema.pop("examples")
     _set_default(schema)

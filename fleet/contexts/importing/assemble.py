@@ -14,8 +14,15 @@ from fleet.contexts.cells import Cells, CubeContent, Pictures, examine
 from fleet.contexts.importing.columns import describe
 from fleet.contexts.importing.options import ImportOptions
 from fleet.contexts.importing.sheet import VERDICT
-from fleet.contexts.manifest import BrokenContext, CubeManifest, FeatureSpec, GridSpec, PictureKind, RenderScale
-from fleet.errors import Problem
+from fleet.contexts.manifest import (
+    BrokenContext,
+    CubeManifest,
+    FeatureSpec,
+    GridSpec,
+    PictureKind,
+    RenderScale,
+    problems_of,
+)
 
 EARTH_M_PER_DEGREE = 111_194.93
 """Length of a degree of latitude on a sphere of 6371 km."""
@@ -65,8 +72,7 @@ def assemble(located: Located, options: ImportOptions, where: str) -> CubeConten
     try:
         manifest = _manifest(located, cells, options)
     except ValidationError as error:
-        problems = [Problem(".".join(map(str, item["loc"])), item["msg"]) for item in error.errors()]
-        raise BrokenContext(where, problems, VERDICT) from error
+        raise BrokenContext(where, problems_of(error), VERDICT) from error
     content = CubeContent(manifest, cells, located.pictures)
     problems = list(examine(content).problems)
     if problems:

@@ -62,7 +62,8 @@ def import_pictures(
     media = _read(sheet, name, folder)
     sheet.check()
     if measure is not None:
-        features = {**features, **_measured(media, measure)}
+        features = {**features, **_measured(sheet, name, media, measure)}
+        sheet.check()
     truth = choose_truth(options.truth, features, where) if options.truth or {"exg", "yield"} & set(features) else None
     pictures = Pictures(rows, columns, dates, tuple(media))
     located = Located(rows, columns, dates, features, orientation, truth, pictures)
@@ -109,7 +110,12 @@ def _read(sheet: Sheet, column: str, folder: Path) -> list[Media]:
     return media
 
 
-def _measured(media: list[Media], measure: Measure) -> dict[str, NDArray[np.float64]]:
-    measurements = [measure(item) for item in media]
+def _measured(sheet: Sheet, column: str, media: list[Media], measure: Measure) -> dict[str, NDArray[np.float64]]:
+    measurements: list[Mapping[str, float]] = []
+    for index, item in enumerate(media):
+        try:
+            measurements.append(measure(item))
+        except Exception as error:  # noqa: BLE001 - the caller's code meets whatever bytes are in the files
+            sheet.blame(index, column, sheet.texts(column)[index], f"it cannot be measured: {error}")
     names = sorted({name for measurement in measurements for name in measurement})
     return {name: np.array([found.get(name, np.nan) for found in measurements], dtype=np.float64) for name in names}

@@ -68,7 +68,13 @@ def sidecar(target: Target, function: UserFunction) -> Manifest:
     """
     resources = settled(function.spec.resources, defaults.FUNCTION, f"spec.{function.name}.resources")
     if function.spec.image is None:
-        command = ("fleet", "serve", function.name, str(function.spec.function), "--host", "$(FLEET_BIND)")
+        command = (
+            *target.settings.serve_command,
+            function.name,
+            str(function.spec.function),
+            "--host",
+            "$(FLEET_BIND)",
+        )
         program = Program(function.name, (*command, "--port", "$(FLEET_PORT)"), resources, port=function.port)
         result = container(target, program)
     else:

@@ -16,16 +16,18 @@ from fleet_operator.resources.roles import REAL_TIME_LEVEL, TRAINER_LEVEL, Role,
 Manifest = dict[str, Any]
 
 
-def compile_flight(target: Target, mission: int) -> list[Manifest]:
-    """Sensor, Service and AS workflow of every agent."""
-    objects: list[Manifest] = []
-    for agent in target.fleet.agents.resolved:
-        objects += [
-            sensor_service(target, mission, agent.name),
-            sensor_job(target, mission, agent.name),
-            workflow_job(target, mission, agent.name),
-        ]
-    return objects
+def compile_flight(target: Target, mission: int, agents: Sequence[str] | None = None) -> list[Manifest]:
+    """Sensor, Service and AS workflow of some agents, or of all when none are named."""
+    everyone = [agent.name for agent in target.fleet.agents.resolved]
+    return [manifest for agent in agents or everyone for manifest in _agent_objects(target, mission, agent)]
+
+
+def _agent_objects(target: Target, mission: int, agent: str) -> list[Manifest]:
+    return [
+        sensor_service(target, mission, agent),
+        sensor_job(target, mission, agent),
+        workflow_job(target, mission, agent),
+    ]
 
 
 def sensor_service(target: Target, mission: int, agent: str) -> Manifest:
@@ -56,7 +58,7 @@ def sensor_job(target: Target, mission: int, agent: str) -> Manifest:
     name = names.main_container(Role.SENSOR)
     program = Program(
         name,
-        ("python", "-m", "fleet.runtime", "sensor"),
+        (*target.settings.role_command, "sensor"),
         resources,
         {"FLEET_MISSION": str(mission), "FLEET_AGENT": agent},
         port=target.settings.ports.sensor,
@@ -72,7 +74,7 @@ def workflow_job(target: Target, mission: int, agent: str) -> Manifest:
     functions = user_functions(target)
     program = Program(
         names.main_container(Role.WORKFLOW),
-        ("python", "-m", "fleet.runtime", "workflow"),
+        (*target.settings.role_command, "workflow"),
         settled(target.fleet.workflow.resources, defaults.WORKFLOW, "spec.workflow.resources"),
         {
             "FLEET_MISSION": str(mission),
@@ -95,7 +97,7 @@ def aggregator_job(target: Target, mission: int, terms: AggregatorTerms) -> Mani
     default = defaults.AGGREGATOR if terms.share is None else of_share(terms.share, defaults.SMALLEST_AGGREGATOR)
     program = Program(
         names.main_container(Role.AGGREGATOR),
-        ("python", "-m", "fleet.runtime", "aggregator"),
+        (*target.settings.role_command, "aggregator"),
         settled(target.fleet.aggregation.resources, default, "spec.aggregation.resources"),
         {"FLEET_MISSION": str(mission), "FLEET_SUBSET": terms.subset, "FLEET_LEVEL": str(terms.level)},
     )
@@ -121,7 +123,7 @@ def _trainer_job(target: Target, name: str, task: TrainerTask, mission: int) -> 
     workers = whole_cores(resources)
     program = Program(
         names.main_container(Role.TRAINER),
-        ("python", "-m", "fleet.runtime", "trainer"),
+        (*target.settings.role_command, "trainer"),
         resources,
         {
             "FLEET_TASK": task.value,

@@ -21,13 +21,17 @@ class Settings:
     """Images, ports and addresses.
 
     Args:
-        runtime_image: Image with the platform's programs and the `fleet` command.
+        runtime_image: Image with the platform's programs.
+        role_command: In that image, what starts a role; the role's name follows.
+        serve_command: In that image, what serves a Python function; `map` or `eval` and the function follow.
         pull_policy: When nodes fetch images.
         storage_uri: The platform's own storage, for fleets that name none.
         user_id: User and group that all containers run as.
     """
 
     runtime_image: str = f"fleet-computer/runtime:{fleet.__version__}"
+    role_command: tuple[str, ...] = ("python", "-m", "fleet.runtime")
+    serve_command: tuple[str, ...] = ("fleet", "serve")
     pull_policy: str = "IfNotPresent"
     storage_uri: str = "hdfs://fleet-storage:8020"
     user_id: int = 65532

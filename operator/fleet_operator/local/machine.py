@@ -62,6 +62,7 @@ class _Entry:
     address: str = ""
     failures: int = 0
     attempts: int = 0
+    pod_number: int = 0
     start_at_s: float = 0.0
     started_s: float = 0.0
     message: str = ""
@@ -90,6 +91,7 @@ class Machine:
     _leaving: list[_Entry] = field(init=False, default_factory=list)
     _services: dict[str, Service] = field(init=False, default_factory=dict)
     _priorities: dict[str, int] = field(init=False, default_factory=dict)
+    _pods: int = field(init=False, default=0)
 
     def __post_init__(self) -> None:
         self._nursery = Nursery()
@@ -203,10 +205,12 @@ class Machine:
 
     def _start(self, entry: _Entry, now_s: float) -> None:
         entry.address = entry.address or self.addresses.take()
+        self._pods += 1
+        entry.pod_number = self._pods
         place = Place(
             address=entry.address,
             hosts=self._hosts(),
-            folders=self._volumes.folders(entry.job, entry.attempts),
+            folders=self._volumes.folders(entry.job, entry.pod_number),
             ports=frozenset(port for each in entry.job.containers for port in each.ports.values()),
         )
         entry.attempts += 1
@@ -236,7 +240,7 @@ class Machine:
         if entry.pod.phase is not Phase.STOPPED:
             return
         outcome, entry.pod = entry.pod.outcome, None
-        self._volumes.forget(entry.job, entry.attempts - 1)
+        self._volumes.forget(entry.job, entry.pod_number)
         if entry.job.name not in self._entries or self._entries[entry.job.name] is not entry:
             self._give_back(entry)
         elif outcome is not None and outcome.code == 0:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Collection, Mapping
+from pathlib import Path
 
+from fleet.aggregation.latest import latest_models
 from fleet.aggregation.subsets import subsets_for
-from fleet.missions.documents import INITIAL, MissionEvaluation, MissionOrder, ModelReference, WeightsDocument
+from fleet.missions.documents import INITIAL, MissionEvaluation, MissionOrder, WeightsDocument
 from fleet.spec.base import quantity_value
 from fleet.spec.resources import Fleet
 from fleet.storage.layout import FleetPaths
 from fleet.storage.port import Storage
 from fleet.usefulness.weights import first_weights, usefulness
 from fleet_operator.compiler.target import AggregatorTerms
-from fleet_operator.policy.level import levels
+from fleet_operator.policy.level import UNSEEN_LEVEL, levels
 from fleet_operator.policy.pruning import pruned
 from fleet_operator.policy.shares import Capacity, shares
 
@@ -29,7 +32,7 @@ def write_order(storage: Storage, paths: FleetPaths, fleet: Fleet, number: int, 
         number=number,
         context=fleet.state_space.context,
         seed=fleet.missions.seed,
-        models=_models(storage, paths, number, subsets),
+        models=latest_models(storage, paths, number, subsets),
         weights=read_weights(storage, paths, number).weights,
     )
     storage.write(paths.plan(number), order.model_dump_json(by_alias=True, indent=1).encode())
@@ -72,13 +75,14 @@ def total_for(fleet: Fleet, capacity: Capacity) -> Capacity:
     )
 
 
-def _models(storage: Storage, paths: FleetPaths, number: int, subsets: Collection[str]) -> tuple[ModelReference, ...]:
-    """The first model, and the latest of each subset that has one."""
-    there = {entry.path for entry in storage.list(f"{paths.root}/missions")}
-    found = [ModelReference(key=INITIAL, path=paths.initial_model)]
-    for subset in subsets:
-        candidates = [paths.model(mission, subset) for mission in range(number - 1, 0, -1)]
-        latest = next((path for path in candidates if path in there), None)
-        if latest is not None:
-            found.append(ModelReference(key=subset, path=latest))
-    return tuple(found)
+def neutral_terms(fleet: Fleet, folder: Path) -> tuple[AggregatorTerms, ...]:
+    """Terms before anything is known of any model: the level of what was never evaluated, no shares.
+
+    Args:
+        folder: Where the FleetSpec is, with the user's own aggregation beside it.
+    """
+    sys.path.insert(0, str(folder.absolute()))
+    try:
+        return tuple(AggregatorTerms(subset.key, UNSEEN_LEVEL) for subset in subsets_for(fleet))
+    finally:
+        sys.path.remove(str(folder.absolute()))

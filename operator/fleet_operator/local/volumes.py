@@ -32,8 +32,11 @@ class Volumes:
         binary = {key: base64.b64decode(value) for key, value in manifest.get("binaryData", {}).items()}
         self._config_maps[manifest["metadata"]["name"]] = {**text, **binary}
 
-    def folders(self, job: Job, attempt: int) -> dict[str, Path]:
+    def folders(self, job: Job, pod: int) -> dict[str, Path]:
         """The folder of each volume of a Job's pod, made and filled.
+
+        Args:
+            pod: Number of the pod; no two pods of a run have the same.
 
         Raises:
             UnsupportedManifest: a ConfigMap was not applied.
@@ -41,22 +44,22 @@ class Volumes:
         folders = {}
         for name, volume in job.volumes.items():
             if volume is None:
-                folders[name] = self._empty(job, attempt) / name
+                folders[name] = self._empty(job, pod) / name
                 folders[name].mkdir(parents=True, exist_ok=True)
             else:
                 folders[name] = self._filled(job, volume)
         return folders
 
-    def forget(self, job: Job, attempt: int) -> None:
+    def forget(self, job: Job, pod: int) -> None:
         """Remove the empty folders of a pod that has ended."""
-        shutil.rmtree(self._empty(job, attempt), ignore_errors=True)
+        shutil.rmtree(self._empty(job, pod), ignore_errors=True)
 
     def remove(self) -> None:
         """Remove everything."""
         shutil.rmtree(self.root, ignore_errors=True)
 
-    def _empty(self, job: Job, attempt: int) -> Path:
-        return self.root / "pods" / f"{job.name}-{attempt}"
+    def _empty(self, job: Job, pod: int) -> Path:
+        return self.root / "pods" / f"{job.name}-{pod}"
 
     def _filled(self, job: Job, volume: ConfigMapVolume) -> Path:
         """All pods share the folder of a ConfigMap, as its name has a hash of its content."""
