@@ -2,4 +2,5 @@
 
 from fleet.cli.main import run
 
-run()
+if __name__ == "__main__":  # worker processes import this module under another name
+    run()

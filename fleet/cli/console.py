@@ -61,7 +61,8 @@ def headline(text: str) -> None:
 
 def show_problem(problem: Problem, err: bool = False) -> None:
     """Where it is, what is wrong, and what to write instead."""
-    typer.echo(f"  {typer.style(problem.path or 'document', bold=True)}: {problem.message}", err=err)
+    line = f", line {problem.line}" if problem.line else ""
+    typer.echo(f"  {typer.style(problem.path or 'document', bold=True)}{line}: {problem.message}", err=err)
     if problem.hint:
         typer.echo(f"      {problem.hint}", err=err)
 

@@ -117,6 +117,19 @@ def copy_contexts(spec: FleetSpec, beside: Path, storage: Storage, overrides: Ma
         copy_context(source, "", storage, paths_of(spec).context(context.name))
 
 
+def read_beside(spec: Path, address: str) -> bytes:
+    """A file that a FleetSpec names: beside it, or at an address of storage.
+
+    Raises:
+        StorageError: there is none.
+    """
+    from fleet.storage.open import open_storage
+
+    place = address if "://" in address else str((spec.parent / address).absolute())
+    folder, _, name = place.rpartition("/")
+    return open_storage(as_uri(folder)).read(name)
+
+
 def paths_of(spec: FleetSpec) -> FleetPaths:
     """Where a fleet's objects are in storage."""
     from fleet.storage.layout import FleetPaths

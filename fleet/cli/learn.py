@@ -1,9 +1,168 @@
 """`fleet shape` and `fleet train`."""
 
+# ruff: noqa: PLC0415 - imports wait until a command runs, so that --help is quick
 
-def shape() -> None:
-    """x"""
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fleet.cli import console, inputs
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from fleet.learning.model import SAModel
+    from fleet.learning.progress import Progress
+    from fleet.learning.reward import RewardModel
+    from fleet.learning.run import Run
+    from fleet.learning.workbench import Workbench
+    from fleet.spec.resources import FleetSpec
+
+_Spec = Annotated[Path, typer.Argument(metavar="SPEC", help="The FleetSpec, a YAML file.")]
+_Out = Annotated[
+    Path | None, typer.Option(metavar="DIR", help="Folder of the run; fleet-out/NAME when left out, as in fleet run.")
+]
+_Seed = Annotated[int | None, typer.Option(min=0, help="Seed, in place of the FleetSpec's.")]
+_Workers = Annotated[int | None, typer.Option(min=1, help="Worker processes; one a core when left out.")]
+_Context = Annotated[list[str] | None, typer.Option(metavar="NAME=DIR", help="Take another folder for a context.")]
+_AsJson = Annotated[bool, typer.Option("--json", help="For machines.")]
 
 
-def train() -> None:
-    """x"""
+def shape(
+    spec: _Spec,
+    out: _Out = None,
+    seed: _Seed = None,
+    workers: _Workers = None,
+    context: _Context = None,
+    as_json: _AsJson = False,
+) -> None:
+    """Find the reward and the thresholds of HA over the shaping contexts, and nothing else.
+
+    Interrupted and called again, it goes on where it was; the result is the same for the same seed.
+
+    Example: [bold]fleet shape my-swarm/fleetspec.yaml --out out/my-swarm[/bold]
+    """
+    school = _school(spec, out, seed, workers, context or [])
+    reward = school.shape()
+    if as_json:
+        console.say_json({"storage": school.bench.storage.uri, "reward": reward.model_dump(mode="json")})
+        return
+    _show_reward(reward)
+    console.say(f"storage: {school.bench.storage.uri}")
+
+
+def train(
+    spec: _Spec,
+    out: _Out = None,
+    seed: _Seed = None,
+    workers: _Workers = None,
+    context: _Context = None,
+    as_json: _AsJson = False,
+) -> None:
+    """Train SA over the training contexts, after shaping the reward if that is not done.
+
+    Interrupted and called again, it goes on where it was; the result is the same for the same seed. Fly with it in
+    the simulator: [bold]fleet simulate SPEC --storage DIR/storage[/bold]
+
+    Example: [bold]fleet train my-swarm/fleetspec.yaml --out out/my-swarm[/bold]
+    """
+    school = _school(spec, out, seed, workers, context or [])
+    reward = school.shape()
+    last = school.train(reward)
+    if as_json:
+        trained = {"loss": last.best_loss, "goals_met": last.goals_met}
+        rewarded = reward.model_dump(mode="json")
+        console.say_json({"storage": school.bench.storage.uri, "reward": rewarded, "training": trained})
+        return
+    _show_reward(reward)
+    console.say(_trained_sentence(last))
+    console.say(f"storage: {school.bench.storage.uri}")
+
+
+@dataclass(frozen=True)
+class _School:
+    """Where shaping and training happen; results go where the roles look for them."""
+
+    spec: FleetSpec
+    bench: Workbench
+    pretrained: SAModel | None
+    workers: int
+
+    def shape(self) -> RewardModel:
+        from fleet.learning.shaping import shape as shaped
+        from fleet.spec.functions import ContextUse
+
+        grounds = self.bench.grounds(ContextUse.SHAPING)
+        with self._run(self.bench.paths.shaping, "shaping the reward") as (run, _):
+            reward = shaped(self.spec.spec, grounds, run)
+        self.bench.storage.write(self.bench.paths.reward, reward.model_dump_json(by_alias=True, indent=1).encode())
+        return reward
+
+    def train(self, reward: RewardModel) -> Progress:
+        from fleet.learning.training import train as trained
+        from fleet.spec.functions import ContextUse
+
+        grounds = self.bench.grounds(ContextUse.TRAINING)
+        with self._run(self.bench.paths.training, "training SA") as (run, news):
+            model = trained(self.spec.spec, grounds, reward, run)
+        self.bench.storage.write(self.bench.paths.initial_model, model.to_bytes())
+        return news[-1]
+
+    @contextmanager
+    def _run(self, folder: str, text: str) -> Iterator[tuple[Run, list[Progress]]]:
+        """A run that shows its progress, and all its news."""
+        from fleet.learning.run import Run
+
+        news: list[Progress] = []
+        with console.progress(text) as advance:
+
+            def listen(progress: Progress) -> None:
+                news.append(progress)
+                advance(progress.done, progress.total)
+
+            seed = self.spec.spec.missions.seed
+            yield Run(self.bench.storage, folder, seed, self.workers, self.pretrained, listener=listen), news
+        for message in dict.fromkeys(progress.message for progress in news if progress.message):
+            console.note(message)
+
+
+def _school(spec: Path, out: Path | None, seed: int | None, workers: int | None, context: Sequence[str]) -> _School:
+    from fleet.learning.models import load_model
+    from fleet.storage.local import LocalStorage
+
+    fleet_spec = inputs.read_spec(spec)
+    if seed is not None:
+        missions = fleet_spec.spec.missions.model_copy(update={"seed": seed})
+        fleet_spec = fleet_spec.model_copy(update={"spec": fleet_spec.spec.model_copy(update={"missions": missions})})
+    folder = out or Path("fleet-out") / fleet_spec.name
+    storage = LocalStorage(folder / "storage")
+    bench = inputs.open_bench(fleet_spec, spec, storage, inputs.read_overrides(context))
+    document = fleet_spec.model_dump_json(by_alias=True, indent=1, exclude_none=True)
+    storage.write(bench.paths.fleet_spec, document.encode())
+    pretrained = fleet_spec.spec.sa.pretrained
+    model = load_model(inputs.read_beside(spec, pretrained)) if pretrained else None
+    return _School(fleet_spec, bench, model, workers or len(os.sched_getaffinity(0)))
+
+
+def _show_reward(reward: RewardModel) -> None:
+    from fleet.report.html import shaping_sentence_of
+
+    weights = zip(reward.features, reward.weights, strict=True)
+    rows = [(f"weight of {name}", f"{weight:.3f}") for name, weight in weights]
+    rows += [("utility threshold T_u", f"{reward.utility_threshold:.4g}")]
+    rows += [("visited threshold T_v", str(reward.visited_threshold)), ("loss", f"{reward.loss:.4g}")]
+    console.table(("reward", "value"), rows)
+    console.say(shaping_sentence_of(reward))
+
+
+def _trained_sentence(last: Progress) -> str:
+    loss = "unknown" if last.best_loss is None else f"{last.best_loss:.4g}"
+    met = "meets every goal" if last.goals_met else "does not meet every goal"
+    return f"SA is trained: {last.total} candidates; the best {met} on the training contexts, its loss is {loss}"

@@ -16,6 +16,7 @@ import fleet
 from fleet.cli import console, contexts, extensions, learn, new, reporting, serving, simulate, validate
 from fleet.errors import ExitCode, FleetError
 
+_ORDER = "init validate compile run report simulate shape train context serve version".split()
 _BROKEN_PIPE = 141
 """What a shell says of a program that SIGPIPE ended."""
 
@@ -24,9 +25,9 @@ class FleetGroup(TyperGroup):
     """A group that also has the commands of other packages, and that says what went wrong in plain words."""
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Own commands in the order in which one needs them, then those of other packages."""
-        own = super().list_commands(ctx)
-        return [*own, *(name for name in extensions.names() if name not in own)]
+        """All commands, in the order in which one needs them."""
+        names = dict.fromkeys([*super().list_commands(ctx), *extensions.names()])
+        return sorted(names, key=lambda name: _ORDER.index(name) if name in _ORDER else len(_ORDER))
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """A command by name; those of other packages are imported here."""

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from fleet.learning.reward import RewardModel
     from fleet.learning.workbench import Workbench
+    from fleet.simulator.batch import Batch
     from fleet.simulator.terrain import Terrain
     from fleet.spec.resources import FleetSpec
 
@@ -140,7 +141,7 @@ def _fly(bench: Workbench, terrain: Terrain, policy: Policy, missions: int, seed
     from fleet.simulator.batch import fly
     from fleet.simulator.evaluation import evaluate_missions
 
-    def batch_from(first: int, count: int) -> object:
+    def batch_from(first: int, count: int) -> Batch:
         return batch_of(policy.table, policy.reward, terrain, Flights(first, count, policy.exploration, seed))
 
     names = [agent.name for agent in bench.agents]

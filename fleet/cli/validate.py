@@ -52,5 +52,5 @@ def _show(spec: Path, problems: tuple[Problem, ...], warnings: tuple[Problem, ..
         console.say(f"{spec} is valid")
 
 
-def _plain(problem: Problem) -> dict[str, str]:
-    return {"path": problem.path, "message": problem.message, "hint": problem.hint}
+def _plain(problem: Problem) -> dict[str, str | int | None]:
+    return {"path": problem.path, "line": problem.line or None, "message": problem.message, "hint": problem.hint}

@@ -11,7 +11,7 @@ from fleet.contexts.load import load_context
 from fleet.energy.accounting import EnergyModel
 from fleet.energy.model import energy_model
 from fleet.functions.contract import EvalClient, MapClient
-from fleet.missions.layout import plan_layout
+from fleet.learning.practice import Grounds
 from fleet.simulator.terrain import Terrain, survey
 from fleet.spec.functions import ContextUse
 from fleet.spec.resources import Fleet
@@ -68,6 +68,11 @@ class Workbench:
         """The terrains of all contexts for one use, in the order of the FleetSpec; errors as in `terrain`."""
         return tuple(self.terrain(context.name) for context in self.fleet.contexts_for(use))
 
+    def grounds(self, use: ContextUse) -> Grounds:
+        """What shaping and training take: the terrains for one use, and what judges missions over them."""
+        names = tuple(agent.name for agent in self.agents)
+        return Grounds(self.terrains(use), names, self.energy, self.evaluator)
+
     def _make(self, name: str) -> Terrain:
         context: Context = load_context(self.storage, self.paths.context(name))
         environment = context.environment
@@ -76,11 +81,10 @@ class Workbench:
         agents = self.agents
         if name != self.fleet.state_space.context:
             agents = tuple(_placed(agent, environment.grid) for agent in agents)
-        layout = plan_layout(environment.grid, self.fleet.state_space, agents)
-        return Terrain(environment, self.map_client.features, ssv, layout)
+        return Terrain.of(context, self.map_client, ssv, self.fleet.state_space, agents)
 
 
-def open_workbench(  # noqa: PLR0913 - each is a part of its own, and callers name them
+def open_workbench(
     fleet: Fleet,
     storage: Storage,
     paths: FleetPaths,

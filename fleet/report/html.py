@@ -14,6 +14,7 @@ import yaml
 
 import fleet
 from fleet.functions.contract import AgentMetrics
+from fleet.learning.reward import RewardModel
 from fleet.missions.documents import GoalResult
 from fleet.report import measures
 from fleet.report.collect import MissionRun, RunData
@@ -92,11 +93,20 @@ def shaping_sentence(run: RunData) -> str:
     """What became of reward shaping, in plain words."""
     if run.reward is None:
         return "Reward shaping has not ended: there is no reward model."
-    if run.reward.goals_met:
-        return "Reward shaping found parameters that met every goal on every shaping context in simulation."
+    return shaping_sentence_of(run.reward)
+
+
+def shaping_sentence_of(reward: RewardModel) -> str:
+    """Whether the goals were met in simulation, and by how many parameter sets."""
+    if reward.goals_met:
+        found = (
+            f"{reward.successes} of {reward.evaluations} parameter sets" if reward.evaluations else "A parameter set"
+        )
+        return f"{found} met every goal on every shaping context in simulation; the one of least cost is used."
+    none = f"None of {reward.evaluations} parameter sets" if reward.evaluations else "No parameter set"
     return (
-        "No parameter set met all goals on all shaping contexts in simulation. The best one seen is used; "
-        f"its loss is {run.reward.loss:.4g}. Missions may miss their goals."
+        f"{none} met all goals on all shaping contexts in simulation. The best one seen is used; "
+        f"its loss is {reward.loss:.4g}. Missions may miss their goals."
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from fleet.energy.accounting import EnergyModel
@@ -80,6 +80,10 @@ class Settings:
     def paths(self) -> FleetPaths:
         """Where the fleet's objects are in storage."""
         return FleetPaths(self.namespace, self.fleet_name)
+
+    def at_mission(self, number: int) -> Settings:
+        """The same settings for another mission."""
+        return replace(self, mission=number)
 
     @cached_property
     def storage(self) -> Storage:

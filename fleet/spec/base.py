@@ -66,14 +66,14 @@ def quantity_value(text: str) -> float:
     """The number that a Kubernetes quantity means: `500m` is 0.5, `256Mi` is 268435456."""
     match = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)([A-Za-z]*)", text)
     if match is None or match[2] not in _SUFFIX:
-        raise ValueError(f"{text!r} is not a quantity; write it as Kubernetes does: 500m, 2, 256Mi, 1Gi")
+        raise ValueError(f'"{text}" is not a quantity; write it as Kubernetes does: 500m, 2, 256Mi, 1Gi')
     return float(Decimal(match[1]) * _SUFFIX[match[2]])
 
 
 def duration_s(text: str) -> float:
     """The seconds that a duration means: `90s` is 90, `1h30m` is 5400."""
     if re.fullmatch(DURATION_PATTERN, text) is None:
-        raise ValueError(f"{text!r} is not a duration; write it as Kubernetes does: 500ms, 90s, 5m, 1h30m")
+        raise ValueError(f'"{text}" is not a duration; write it as Kubernetes does: 500ms, 90s, 5m, 1h30m')
     return sum(float(number) * _SECONDS[unit] for number, unit in re.findall(r"([0-9.]+)(ms|s|m|h)", text))
 
 

@@ -14,7 +14,7 @@ from pydantic_core import ErrorDetails
 from fleet.errors import Problem, SpecError
 from fleet.spec import messages
 from fleet.spec.base import API_VERSION
-from fleet.spec.findings import Finding, did_you_mean
+from fleet.spec.findings import Finding, did_you_mean, nearest
 from fleet.spec.repair import empty_fields, repaired, without_nulls
 from fleet.spec.resources import EdgeNode, FleetSpec, Mission
 from fleet.spec.rules import broken_rules
@@ -98,10 +98,8 @@ def read_file(path: FilePath) -> Document:
         problem = Problem("", f"{path} is not text in UTF-8", "save it as plain text in UTF-8")
         raise SpecError([problem], str(path)) from error
     if not documents:
-        problem = Problem(
-            "", f"{path} has no document", f"begin with `apiVersion: {API_VERSION}` and `kind: FleetSpec`"
-        )
-        raise SpecError([problem], str(path))
+        hint = f"begin with `apiVersion: {API_VERSION}` and `kind: FleetSpec`"
+        raise SpecError([Problem("", "the file is empty", hint)], str(path))
     if len(documents) > 1:
         kinds = ", ".join(str(_field(document.value, "kind", "no kind")) for document in documents)
         message = f"the file has {len(documents)} documents ({kinds}), and one is wanted"
@@ -122,10 +120,11 @@ def read(model: type[R], document: Document) -> Reading[R]:
     resource, errors = _validated(model, value)
     told = [_with_empty(finding, document.value) for finding in messages.findings(errors, schema)]
     told += _repetitions(schema, value)
-    broken = tuple(place for finding in told for place in finding.reads or (finding.path,))
+    broken = (*document.broken, *(place for finding in told for place in finding.reads or (finding.path,)))
     sound = resource or _sound(model, value, errors, schema)
     if sound is not None:
-        told += [finding for finding in broken_rules(sound) if not finding.rests_on(broken)]
+        rules = [finding for finding in broken_rules(sound) if not finding.rests_on(broken)]
+        told += [_left_empty(finding, document.value) for finding in rules]
     problems = [finding.problem(document) for finding in told] + list(document.problems)
     problems.sort(key=lambda problem: (problem.line, problem))
     return Reading(document, None if problems else resource, sound, broken, tuple(problems))
@@ -153,8 +152,9 @@ def _wrong_kind(model: type[R], value: Any) -> Iterator[Finding]:
         yield Finding(("kind",), "is missing" if kind is None else "must be a text", f"write `kind: {wanted}`")
     elif kind != wanted:
         other = f"this is a {kind}, and a {wanted} is wanted"
-        hint = did_you_mean(str(kind), [wanted], f"give the file that has `kind: {wanted}`")
-        yield Finding(("kind",), other, hint)
+        yield Finding(("kind",), other, did_you_mean(kind, [wanted], f"give the file that has `kind: {wanted}`"))
+        if nearest(kind, [wanted]) is None:
+            return
     version = value.get("apiVersion")
     if version != API_VERSION:
         said = "is missing" if version is None else f"must be {API_VERSION}, and is {messages.described(version)}"
@@ -186,6 +186,12 @@ def _with_empty(finding: Finding, value: Any) -> Finding:
     if finding.message == "is missing" and finding.path in empty_fields(value):
         return Finding(finding.path, "has no value", finding.hint, finding.reads)
     return finding
+
+
+def _left_empty(finding: Finding, value: Any) -> Finding:
+    """A rule that is broken because a field was begun and has no value yet: that field is the place to look."""
+    empty = [place for place in empty_fields(value) if place in finding.reads]
+    return Finding(empty[0], "has no value", finding.hint, finding.reads) if empty else finding
 
 
 def _repetitions(schema: dict[str, Any], value: Any) -> Iterator[Finding]:

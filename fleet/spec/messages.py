@@ -64,11 +64,11 @@ def _finding(error: ErrorDetails, schema: Schema) -> Finding:
             found = Finding(path, *_pattern(str(value), context["pattern"]))
         case "value_error":
             message, _, hint = str(context["error"]).partition("; ")
-            found = Finding(path, message, hint)
+            found = Finding(path, message, _in_bytes(value) or hint)
         case "finite_number":
-            found = Finding(path, f"must be a finite number, and is {value}")
+            found = Finding(path, f"must be a finite number, and is {value}", "remove the line if there is no bound")
         case kind if kind in _SIZES:
-            found = Finding(path, _SIZES[kind].format(**context, length=_length(value)), _size_hint(kind, part))
+            found = Finding(path, _SIZES[kind].format(**_short(context), length=_length(value)), _size_hint(kind, part))
         case kind if kind in _TYPES:
             found = Finding(path, f"must be {_TYPES[kind]}, and is {described(value)}", _type_hint(kind, value, part))
         case _:
@@ -92,7 +92,7 @@ _SIZES = {
     "greater_than_equal": "must be at least {ge}, and is {length}",
     "less_than": "must be less than {lt}, and is {length}",
     "less_than_equal": "must be at most {le}, and is {length}",
-    "too_short": "must have at least {min_length} item(s), and has {length}",
+    "too_short": "must have at least {min_length} item, and has {length}",
     "too_long": "must have at most {max_length} items, and has {length}",
     "string_too_short": "must not be empty",
     "string_too_long": "must have at most {max_length} characters, and has {length}",
@@ -114,6 +114,17 @@ def described(value: Any) -> str:
             return "a list"
         case _:
             return "a mapping of fields to values"
+
+
+def _short(context: dict[str, Any]) -> dict[str, Any]:
+    """Numbers as people write them: 1, not 1.0."""
+    return {name: f"{value:g}" if isinstance(value, float) else value for name, value in context.items()}
+
+
+def _in_bytes(value: Any) -> str:
+    """What a size such as 256MB is called in Kubernetes."""
+    size = re.fullmatch(r"([0-9.]+) *([kmgt])i?b(ytes)?", value.lower()) if isinstance(value, str) else None
+    return f"write {size[1]}{size[2].upper()}i" if size else ""
 
 
 def _length(value: Any) -> Any:
@@ -140,12 +151,16 @@ def _type_hint(kind: str, value: Any, part: Schema) -> str:
             hint = f"write it without quotes: {value}"
         case "float_type", str() if re.fullmatch(r"[0-9.]+ *%", value):
             hint = f"write it as a share: {float(value.rstrip(' %')) / 100:g}"
+        case "int_type" | "float_type", str():
+            hint = "write it in digits"
         case "bool_type", str() | int():
             hint = "write true or false, without quotes"
         case "tuple_type", str():
             hint = f"write it in brackets: [{value}]"
         case "tuple_type", dict():
             hint = "begin each item with `- `"
+        case "model_type", str() if re.fullmatch(FUNCTION_PATTERN, value) and "function" in part["properties"]:
+            hint = f"write {{function: {value}}}"
         case "model_type" | "dict_type", _:
             hint = _sample(part)
         case _:

@@ -103,13 +103,10 @@ def _section(kind: str, section: _Section, sections: dict[str, _Section]) -> str
         "| Field | Type | Default | Meaning |",
         "|---|---|---|---|",
     ]
+    observed = section.places[0].startswith("status")
     for name, part in section.schema["properties"].items():
-        cells = (
-            f"`{name}`",
-            _type(kind, part, sections),
-            _default(part, name in required),
-            part.get("description", ""),
-        )
+        default = "**required**" if name in required else "" if observed else _default(part)
+        cells = (f"`{name}`", _type(kind, part, sections), default, part.get("description", ""))
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     rules = [_sentence(rule["message"]) for rule in section.schema.get("x-kubernetes-validations", ())]
     if rules:

@@ -62,13 +62,15 @@ def _flown_context(fleet: Fleet) -> Iterator[Finding]:
     names = [context.name for context in fleet.contexts]
     if name not in names:
         hint = did_you_mean(name, names, f"contexts has {listed(names, 'and')}: name one, or add {name} to contexts")
-        yield Finding(place, f'no context is called "{name}"', hint, (place, contexts))
+        reads = (place, *((*contexts, index, "name") for index in range(len(names))))
+        yield Finding(place, f'no context is called "{name}"', hint, reads)
     elif ContextUse.MISSION not in fleet.context(name).use:
         index = names.index(name)
         use = ", ".join([*fleet.context(name).use, ContextUse.MISSION])
         message = f'"{name}" is what missions fly over, but its use is {listed(fleet.context(name).use, "and")}'
         hint = f"write `use: [{ContextUse.MISSION}]` if it is for missions only, or `use: [{use}]`"
-        yield Finding((*contexts, index, "use"), message, hint, (place, contexts))
+        here = (*contexts, index)
+        yield Finding((*here, "use"), message, hint, (place, (*here, "name"), (*here, "use")))
 
 
 def _contexts_to_learn_from(fleet: Fleet) -> Iterator[Finding]:

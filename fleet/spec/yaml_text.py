@@ -33,11 +33,13 @@ class Document:
         value: Mappings, lists, texts, numbers, booleans and None, as JSON has them.
         lines: Line of each value, from 1, by path.
         problems: What is wrong with it as YAML though it can be read: a field twice, a tag.
+        broken: Where that is.
     """
 
     value: Any
     lines: Mapping[Path, int] = field(default_factory=dict)
     problems: tuple[Problem, ...] = ()
+    broken: tuple[Path, ...] = ()
 
     def line(self, path: Path) -> int:
         """Line of a value, or of the nearest value around it; 0 when the document is not from a file."""
@@ -105,19 +107,20 @@ class _Builder:
 
     def __init__(self) -> None:
         self._problems: list[Problem] = []
+        self._broken: list[Path] = []
         self._lines: dict[Path, int] = {}
         self._scalars = yaml.constructor.SafeConstructor()
 
     def build(self, node: yaml.Node) -> Document:
         value = self._value(node, ())
-        return Document(value, self._lines, tuple(self._problems))
+        return Document(value, self._lines, tuple(self._problems), tuple(self._broken))
 
     def _value(self, node: yaml.Node, path: Path) -> Any:
         self._lines.setdefault(path, node.start_mark.line + 1)
         if len(path) > MAX_DEPTH or len(self._lines) > MAX_NODES:
             raise yaml.MarkedYAMLError(problem="the document is too deep or too large", problem_mark=node.start_mark)
         if not isinstance(node, yaml.ScalarNode) and node.tag not in _PLAIN_TAGS:
-            self._report(node, path, f"has the YAML tag {node.tag}, which a resource cannot have", "remove the tag")
+            self._report(node, path, f"has the YAML tag {_short(node)}, which a resource cannot have", "remove the tag")
         match node:
             case yaml.MappingNode():
                 return self._mapping(node, path)
@@ -129,7 +132,7 @@ class _Builder:
     def _scalar(self, node: yaml.Node, path: Path) -> Any:
         if node.tag not in _PLAIN_TAGS:
             self._report(
-                node, path, f"has the YAML tag {node.tag}, which a resource cannot have", "write a plain value"
+                node, path, f"has the YAML tag {_short(node)}, which a resource cannot have", "write a plain value"
             )
             return None
         try:
@@ -164,7 +167,12 @@ class _Builder:
         return result | {key: value for key, value in merged.items() if key not in result}
 
     def _report(self, node: yaml.Node, path: Path, message: str, hint: str) -> None:
+        self._broken.append(path)
         self._problems.append(Problem(render(path), message, hint, node.start_mark.line + 1))
+
+
+def _short(node: yaml.Node) -> str:
+    return str(node.tag).replace("tag:yaml.org,2002:", "!!")
 
 
 def _number(node: yaml.Node) -> int | float:
@@ -196,8 +204,8 @@ _PLAIN = (
     (r"could not find expected ':'", "a field name without `: `"),
     (r"expected ',' or '(.)', but got .*", r"`\1` or `,` is missing before this place"),
     (r"found unexpected end of stream", "a quote is opened and never closed"),
-    (r"expected <block end>, but found '(<block mapping start>|<block sequence start>|-)'", "this line does not stand "
-     "under its neighbours: check the indentation"),
+    (r"expected <block end>, but found '(<block mapping start>|<block sequence start>|-)'", "this line is indented "
+     "more or less than its neighbours"),
     (r"expected <block end>, but found .*", "a field name without `: `, or a wrong indentation"),
     (r"expected '<document start>', but found .*", "the text ends its document and goes on: check the indentation"),
     (r"found unknown escape character .*", "a backslash in double quotes begins an escape; use single quotes"),

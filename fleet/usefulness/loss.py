@@ -4,13 +4,16 @@ The loss of a mission is one number for all agents. To tell what one agent's wei
 carried over to what the agent did in its own part: which share of its states it captured, and at which share of the
 energy that visiting all of them takes. No truth is needed; what Eval() said of the mission is enough:
 
-    energies and time       in proportion to the energy's share
-    shares of at least g    c' + (1 - c') (m - c) / (1 - c): what is captured is right, and of the rest as much as before
-    metrics of at most g    m (1 - c') / (1 - c): errors come from what is not captured
+    energies and time     in proportion to the share of the energy
+    coverage              1 - (1 - m) u
+    shares of at least g  1 - (1 - m) u^2
+    metrics of at most g  m u^2
 
-with c the share that all agents captured, c' the agent's, and m the metric. Other metrics stay as they are. As c' is no
-sure guide to m', the loss is the mean over an error of m' with a standard deviation of `METRIC_SD`: near a goal it
-rises slowly instead of jumping.
+with m the metric, and u the share of the states that the agent left unseen over the share that all agents did. Errors
+are made in unseen states, and the fewer are seen, the more are made in each: on four fields the square is off by
+nothing on the mean and by 0.013 (sd), for captured shares that differ by up to 0.1. Other metrics stay as they are. As
+that is no sure guide, the loss is the mean over an error of the metric with a standard deviation of `METRIC_SD`: near
+a goal it rises slowly instead of jumping.
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ from fleet.missions.layout import Layout
 from fleet.spec.swarm import Action
 
 METRIC_SD = 0.02
+COVERAGE = "coverage"
 _DEVIATIONS = (-1.2816, -0.5244, 0.0, 0.5244, 1.2816)
 """Middles of five equally likely parts of a normal distribution."""
 _PROPORTIONAL = ("uav_energy_j", "edge_energy_j", "energy_j", "time_s")
@@ -101,16 +105,19 @@ class MissionLoss:
         if self.whole.energy > 0:
             for name in set(_PROPORTIONAL) & carried.keys():
                 carried[name] *= part.energy / self.whole.energy
-        unseen = 1.0 - self.whole.captured
+        if self.whole.captured >= 1.0:  # nothing is known of what it is to leave states unseen
+            return carried
+        unseen = (1.0 - part.captured) / (1.0 - self.whole.captured)
         for goal in self.objective.goals:
             value = self.metrics.get(goal.metric)
-            if value is None or goal.metric in _PROPORTIONAL or unseen <= 0:
+            if value is None or goal.metric in _PROPORTIONAL:
                 continue
-            if goal.at_least is not None and 0.0 <= value <= 1.0:
-                right = min(1.0, max(0.0, (value - self.whole.captured) / unseen))
-                carried[goal.metric] = part.captured + (1.0 - part.captured) * right
+            if goal.metric == COVERAGE:
+                carried[goal.metric] = 1.0 - (1.0 - value) * unseen
+            elif goal.at_least is not None and 0.0 <= value <= 1.0:
+                carried[goal.metric] = 1.0 - (1.0 - value) * unseen**2
             elif goal.at_most is not None:
-                carried[goal.metric] = value * (1.0 - part.captured) / unseen
+                carried[goal.metric] = value * unseen**2
         return carried
 
     def _shaken(self, carried: dict[str, float], error: float) -> dict[str, float]:

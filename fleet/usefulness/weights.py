@@ -25,7 +25,7 @@ from fleet.usefulness.history import History, Observation, Weights
 Replay = Callable[[str, Sequence[Weights]], Sequence[float]]
 """From an agent and weights to the loss that the agent would have with each of them."""
 
-MISSION_NOISE_SD = 0.002
+MISSION_NOISE_SD = 0.005
 """Standard deviation of a mission's loss for the same weights, in units of the loss."""
 DECIMALS = 6
 

@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from fleet.cli import inputs
 from fleet.errors import ObjectNotFound
@@ -15,6 +16,18 @@ from fleet.storage.port import Entry, Storage
 from fleet_operator.compiler.bundle import Bundle
 
 _DIGITS = 16
+_PATIENCE = {"resources", "timeout", "retries"}
+_RENEWABLE: dict[str, Any] = {
+    "map": _PATIENCE,
+    "eval": _PATIENCE,
+    "aggregation": {"resources"},
+    "workflow": {"resources", "sensor_resources", "trainer_resources"},
+    "missions": {"count", "interval", "clock", "seed", "agent_retries"},
+    "storage": True,
+    "suspend": True,
+}
+"""What may change between two starts of one run: more missions, more memory for a program that was killed for want
+of it. The seed is told apart from the rest."""
 
 
 @dataclass(frozen=True)
@@ -74,14 +87,11 @@ class Application:
 
 
 def spec_identity(spec: FleetSpec) -> dict[str, str]:
-    """Hashes of what the results depend on in a FleetSpec; how many missions there are may change in a run."""
-    plan = spec.spec.missions
-    steady = plan.model_copy(update={"count": 1, "seed": 0, "agent_retries": 0})
-    fleet = spec.spec.model_copy(update={"missions": steady, "suspend": False})
+    """Hashes of what the results depend on in a FleetSpec."""
     return {
         "the fleet's name": f"{spec.metadata.namespace}/{spec.name}",
-        "the FleetSpec": _digest(fleet.model_dump_json().encode()),
-        "the seed": str(plan.seed),
+        "the FleetSpec": _digest(spec.spec.model_dump_json(exclude=_RENEWABLE).encode()),
+        "the seed": str(spec.spec.missions.seed),
     }
 
 

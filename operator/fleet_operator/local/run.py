@@ -14,6 +14,7 @@ from dataclasses import replace
 from typing import Any, assert_never
 
 from fleet.aggregation.subsets import subsets_for
+from fleet.contexts.load import load_context
 from fleet.errors import MissionError
 from fleet.missions.documents import MissionEvaluation
 from fleet.spec.platform import ClockMode
@@ -86,6 +87,7 @@ class Run:
 
         Raises:
             MissionError: the run can never go on; says why.
+            ContextError: a context is not a good one.
         """
         while True:
             step = self._next()
@@ -135,9 +137,14 @@ class Run:
                 assert_never(step)
 
     def _prepare(self) -> None:
-        """Contexts first, the FleetSpec last: its presence means that everything is there."""
+        """Contexts first, the FleetSpec last: its presence means that everything is there.
+
+        Every context is opened once, so that a broken one is told at once and not by the first Job.
+        """
         application = self._application
         application.copy_contexts(application.storage)
+        for context in application.fleet.contexts:
+            load_context(application.storage, application.paths.context(context.name))
         document = application.spec.model_dump_json(by_alias=True, indent=1, exclude_none=True)
         application.storage.write(application.paths.fleet_spec, document.encode())
         self._machine.apply([*priority_classes(), *function_sources(self._target)])

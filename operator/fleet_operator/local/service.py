@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 
-from fleet.contexts.load import load_context
 from fleet.errors import FleetError
 from fleet.missions.documents import GoalResult, MissionEvaluation
 from fleet_operator.compiler.settings import Ports, Settings
@@ -27,6 +26,7 @@ from fleet_operator.local.observe import Observer
 from fleet_operator.local.run import Run
 from fleet_operator.policy.shares import Capacity as SharedCapacity
 
+REPORT = "report.html"
 _FIRST_PORTS = (8080, 18080, 28080, 38080)
 
 
@@ -87,7 +87,6 @@ def _run(application: Application, ledger: Ledger, display: Display, installed: 
         with _signals_as_exits(), _machine(application.out, display) as (machine, ports):
             settings = replace(installed, ports=ports)
             target = Target(application.spec, application.bundle, settings, application.storage.uri)
-            check_contexts(application)
             evaluations = Run(application, target, machine, ledger, display).to_the_end()
             models = _standings(application, machine.capacity)
         state = RunState.FINISHED
@@ -96,21 +95,11 @@ def _run(application: Application, ledger: Ledger, display: Display, installed: 
         raise
     finally:
         display.close()
+        if state is not RunState.INTERRUPTED:
+            _report(application, display)
         ledger.end(state, message)
-        report = _report(application, display)
-    asked = application.fleet.missions.count
-    return Summary(asked, tuple(evaluations), models, ledger.document, report)
-
-
-def check_contexts(application: Application) -> None:
-    """Open every context, so that a broken one is told at once and not by the first Job.
-
-    Raises:
-        ContextError: a context is not a good one.
-    """
-    application.copy_contexts(application.storage)
-    for context in application.fleet.contexts:
-        load_context(application.storage, application.paths.context(context.name))
+    report = application.out / REPORT
+    return Summary(application.fleet.missions.count, tuple(evaluations), models, ledger.document, report)
 
 
 @contextmanager
@@ -164,15 +153,14 @@ def _standings(application: Application, capacity: Capacity) -> tuple[ModelStand
     return tuple(ModelStanding(key, value, levels.get(key)) for key, value in useful.items())
 
 
-def _report(application: Application, display: Display) -> Path:
-    """Write the report; a report that cannot be written does not hide what the run came to."""
+def _report(application: Application, display: Display) -> None:
+    """Write the report; one that cannot be written does not hide what the run came to."""
     from fleet.report.write import write_report  # noqa: PLC0415 - drawing is needed at the end only
 
     try:
-        return write_report(application.storage, application.paths, application.out)
+        write_report(application.storage, application.paths, application.out)
     except (FleetError, OSError) as error:
         display.note(f"the report could not be written: {error}")
-        return application.out / "report.html"
 
 
 _ENDING = (signal.SIGTERM, signal.SIGHUP)

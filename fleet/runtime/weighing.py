@@ -1,0 +1,124 @@
+"""Finds, from everything flown so far, the weights over models that each agent flies the next mission with."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+
+from fleet.aggregation.latest import latest_models
+from fleet.aggregation.subsets import subsets_for
+from fleet.errors import MissionError
+from fleet.functions import wire
+from fleet.learning.goals import Objective
+from fleet.learning.model import SAModel
+from fleet.learning.models import load_model
+from fleet.learning.reward import RewardModel
+from fleet.missions.documents import MissionEvaluation, MissionOrder, ModelReference, WeightsDocument
+from fleet.missions.layout import Layout, plan_layout
+from fleet.randomness import named_seed
+from fleet.runtime.evaluation import read_logs
+from fleet.runtime.settings import Settings
+from fleet.usefulness.belief import believed_ssv
+from fleet.usefulness.history import History, Observation
+from fleet.usefulness.loss import Effort, MissionLoss, effort, full_energy_j, part_cells
+from fleet.usefulness.replay import Replayer
+from fleet.usefulness.weights import propose_weights, usefulness
+
+_log = logging.getLogger(__name__)
+
+
+def weigh(settings: Settings) -> None:
+    """Propose the weights of the mission after the settings' one; nothing happens when they are there.
+
+    Raises:
+        MissionError: the mission is not over.
+    """
+    storage, paths, following = settings.storage, settings.paths, settings.mission + 1
+    if storage.exists(paths.weights(following)):
+        return
+    flown = [_Flown(settings, number) for number in range(1, following)]
+    subsets = [subset.key for subset in subsets_for(settings.fleet)]
+    models = latest_models(storage, paths, following, subsets)
+    history = History(tuple(observation for mission in flown for observation in mission.observations()))
+    weights = propose_weights(
+        history,
+        [model.key for model in models],
+        [agent.name for agent in settings.fleet.agents.resolved],
+        settings.fleet.online_learning,
+        named_seed(settings.fleet.missions.seed, f"weigh/{following}"),
+        flown[-1].replayer(models),
+    )
+    document = WeightsDocument(
+        number=following,
+        weights=weights,
+        usefulness=usefulness(weights, [model.key for model in models], history.flown),
+    )
+    storage.write(paths.weights(following), document.model_dump_json(by_alias=True, indent=1).encode())
+    _log.info("mission %d has its weights", following)
+
+
+class _Flown:
+    """A mission that is over, as the learner of weights sees it.
+
+    Args:
+        settings: Of the trainer.
+        number: The mission.
+    """
+
+    def __init__(self, settings: Settings, number: int) -> None:
+        storage, paths = settings.storage, settings.paths
+        self._settings = settings
+        self._order = MissionOrder.model_validate_json(storage.read(paths.plan(number)))
+        if not storage.exists(paths.evaluation(number)):
+            raise MissionError(f"mission {number} is not over; its weights tell nothing yet")
+        self._evaluation = MissionEvaluation.model_validate_json(storage.read(paths.evaluation(number)))
+        environment = wire.decode_environment(wire.load(storage.read(paths.environment(number))))
+        fleet = settings.fleet
+        self._layout = plan_layout(environment.grid, fleet.state_space, fleet.agents.resolved)
+        self._efforts = self._efforts_of(self._layout)
+        self._loss = self._loss_of(self._layout)
+
+    def observations(self) -> list[Observation]:
+        """One for each agent."""
+        return [
+            Observation(self._order.number, agent, self._order.weights[agent], self._loss.of(spent))
+            for agent, spent in self._efforts.items()
+        ]
+
+    def replayer(self, models: Sequence[ModelReference]) -> Replayer:
+        """Replays the mission with the next mission's models."""
+        settings, agents = self._settings, list(self._efforts)
+        logs = read_logs(settings.at_mission(self._order.number), agents)
+        return Replayer(
+            layout=self._layout,
+            agents=agents,
+            ssv=believed_ssv(self._layout.grid, logs),
+            flown=self._order.weights,
+            before=_load(settings, self._order.models),
+            after=_load(settings, models),
+            reward=RewardModel.model_validate_json(settings.storage.read(settings.paths.reward)),
+            energy=settings.energy,
+            loss=self._loss,
+            efforts=self._efforts,
+        )
+
+    def _efforts_of(self, layout: Layout) -> dict[str, Effort]:
+        return {
+            agent.agent: effort(layout, index, agent.captures, agent.uav_energy_j, self._settings.energy)
+            for index, agent in enumerate(self._evaluation.agents)
+        }
+
+    def _loss_of(self, layout: Layout) -> MissionLoss:
+        fleet, energy = self._settings.fleet, self._settings.energy
+        indices = range(layout.agents)
+        reference_j = sum(full_energy_j(layout, index, energy) for index in indices)
+        cells = sum(part_cells(layout, index) for index in indices)
+        captures = sum(agent.captures for agent in self._evaluation.agents)
+        whole = Effort(min(1.0, captures / cells), self._evaluation.system.uav_energy_j / reference_j)
+        shaping = fleet.reward_shaping
+        objective = Objective(fleet.goals, shaping.minimise, shaping.margin)
+        return MissionLoss(objective, self._evaluation.metrics, whole, reference_j)
+
+
+def _load(settings: Settings, references: Sequence[ModelReference]) -> Mapping[str, SAModel]:
+    return {reference.key: load_model(settings.storage.read(reference.path)) for reference in references}
