@@ -18,7 +18,7 @@ DATE = "2018-06-01"
 PIXEL = Media("image/x-portable-pixmap", b"P6\n1 1\n255\n\x10\x80\x20")
 
 
-def manifest(
+def manifest(  # noqa: PLR0917 - every field has a default, and tests name what they change
     features: Sequence[str] = ("exg",),
     rows: int = 3,
     columns: int = 4,

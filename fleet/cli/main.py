@@ -16,7 +16,7 @@ import fleet
 from fleet.cli import console, contexts, extensions, learn, new, reporting, serving, simulate, validate
 from fleet.errors import ExitCode, FleetError
 
-_ORDER = "init validate compile run report simulate shape train context serve version".split()
+_ORDER = ["init", "validate", "compile", "run", "report", "simulate", "shape", "train", "context", "serve", "version"]
 _BROKEN_PIPE = 141
 """What a shell says of a program that SIGPIPE ended."""
 
@@ -138,6 +138,10 @@ def run() -> None:
     except BrokenPipeError:
         _discard_output()
         sys.exit(_BROKEN_PIPE)
+    except Exception:  # noqa: BLE001 - the last resort: a fault of ours must not end with the code of a missed goal
+        traceback.print_exc()
+        console.headline("this is a fault in fleet, not in your input; the lines above say where")
+        sys.exit(int(ExitCode.PERMANENT))
 
 
 def _discard_output() -> None:

@@ -117,19 +117,23 @@ def _quick_policy(spec: FleetSpec, terrain: Terrain) -> Policy:
     import numpy as np
 
     from fleet.learning.reward import Normaliser, RewardModel
+    from fleet.learning.score_tables import NEVER
     from fleet.missions.layout import MOVES
 
     count, ha, groups = len(terrain.features), spec.spec.ha, spec.spec.state_space.groups
-    third = groups.rows * groups.columns // 3
-    reward = RewardModel(
+    visited = groups.rows * groups.columns // 3 if ha.visited_threshold is None else ha.visited_threshold
+    blank = RewardModel(
         features=terrain.features,
         weights=(0.0,) * count,
         normaliser=Normaliser(low=(0.0,) * count, high=(1.0,) * count),
-        utility_threshold=np.inf if ha.utility_threshold is None else ha.utility_threshold,
-        visited_threshold=third if ha.visited_threshold is None else ha.visited_threshold,
+        utility_threshold=0.0,
+        visited_threshold=visited,
         loss=0.0,
         goals_met=False,
     )
+    # A document has finite numbers only; this one stays in memory.
+    utility = NEVER[0] if ha.utility_threshold is None else ha.utility_threshold
+    reward = blank.model_copy(update={"utility_threshold": utility})
     return Policy("random moves", np.zeros((len(terrain.ssv), len(MOVES))), reward, exploration=1.0)
 
 

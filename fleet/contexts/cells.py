@@ -159,10 +159,11 @@ def _picture_problems(content: CubeContent) -> Iterator[Problem]:
 
 
 def _unrenderable(content: CubeContent) -> Iterator[Problem]:
-    exg = pictured_exg(content)
+    manifest, exg = content.manifest, pictured_exg(content)
     bare = has_data(content) & ~_has_picture(content)
     lacking = np.flatnonzero(bare & ~np.isfinite(exg))
-    if content.manifest.pictured is not None and len(lacking):
+    said_already = manifest.pictures is PictureKind.RENDERED and manifest.pictured is None
+    if len(lacking) and not said_already:
         hint = "add a picture, or the feature that pictures show, or leave the cell out"
         yield Problem("pictures", f"there is none and none can be rendered in {_where(content.cells, lacking)}", hint)
     loud = np.flatnonzero(bare & (np.abs(exg) > MAX_RENDERED_EXG))

@@ -69,8 +69,8 @@ def function_app(kind: Kind, function: Callable[..., Any], timeout_s: float) -> 
             try:
                 status, data = await asyncio.wait_for(_in_thread(lambda: _answer(served, body)), timeout_s)
             except TimeoutError:
-                hung = True
                 stop = getattr(request.app.state, "stop", None)
+                hung = stop is not None
                 return _refuse(504, timed_out(timeout_s), BackgroundTask(stop, ExitCode.TRANSIENT) if stop else None)
         return Response(data, status, media_type="application/json")
 
@@ -99,7 +99,7 @@ def run_server(app: Starlette, host: str, port: int, watchdog_s: float | None = 
     """
     sock = _listen(host, port)
     config = uvicorn.Config(
-        app, log_level="warning", access_log=False, timeout_keep_alive=75, timeout_graceful_shutdown=5, lifespan="off"
+        app, log_level="warning", access_log=False, timeout_keep_alive=75, timeout_graceful_shutdown=5
     )
     server = _Server(config)
     code = 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import re
 import zipfile
 from collections.abc import Callable, Mapping
@@ -12,7 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
+from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from fleet.contexts.base import Environment
 from fleet.contexts.load import load_context
@@ -32,6 +33,25 @@ from fleet.storage.layout import FleetPaths
 from fleet.storage.port import Storage
 
 Read = TypeVar("Read")
+TRIALS = "trials.json"
+"""Checkpoint of reward shaping in its folder."""
+
+
+class Trial(BaseModel):
+    """A parameter set that reward shaping simulated, as its checkpoint has it.
+
+    Args:
+        goals: Values of the goals' metrics and of the one to minimise, for each shaping context.
+    """
+
+    loss: float
+    goals_met: bool
+    goals: tuple[dict[str, float | None], ...] = ()
+
+    def mean(self, metric: str) -> float:
+        """Mean of a metric over the contexts; NaN when one of them has none."""
+        values = [np.nan if (found := one.get(metric)) is None else found for one in self.goals]
+        return float(np.mean(values)) if values else float("nan")
 
 
 @dataclass(frozen=True)
@@ -86,6 +106,7 @@ class RunData:
 
     Args:
         spec: The FleetSpec that it was started with; None when that cannot be read.
+        trials: Parameter sets that reward shaping has simulated so far, in order.
         missions: Flown missions, by number.
         weights: Weights over the models and their usefulness, by the mission that flies with them.
         retraining: What the aggregators did, by the mission after which they ran.
@@ -95,6 +116,7 @@ class RunData:
     paths: FleetPaths
     spec: FleetSpec | None = None
     reward: RewardModel | None = None
+    trials: tuple[Trial, ...] = ()
     missions: tuple[MissionRun, ...] = ()
     weights: Mapping[int, WeightsDocument] = field(default_factory=dict)
     retraining: Mapping[int, tuple[RetrainingReport, ...]] = field(default_factory=dict)
@@ -124,6 +146,7 @@ def collect(storage: Storage, paths: FleetPaths) -> RunData:
         paths=paths,
         spec=spec,
         reward=reader.document(paths.reward, RewardModel.model_validate_json),
+        trials=reader.document(f"{paths.shaping}/{TRIALS}", _trials) or (),
         missions=tuple(mission for mission in missions if mission is not None),
         weights={document.number: document for document in weights if document is not None},
         retraining={number: _retraining(reader, paths, number) for number in numbers},
@@ -182,6 +205,11 @@ def _grids(data: bytes) -> dict[str, NDArray[np.float64]]:
         return {name: np.asarray(archive[name], dtype=np.float64) for name in archive.files}
 
 
+def _trials(data: bytes) -> tuple[Trial, ...]:
+    document = json.loads(data)
+    return TypeAdapter(tuple[Trial, ...]).validate_python(document["state"]["trials"])
+
+
 def _natural(text: str) -> list[tuple[int, str]]:
     """A key that puts agent-10 after agent-9."""
     return [(int(part), "") if part.isdigit() else (0, part) for part in re.split(r"(\d+)", text)]
@@ -200,7 +228,7 @@ class _Reader:
             return parse(self.storage.read(path))
         except ObjectNotFound:
             return None
-        except (ValidationError, ValueError, KeyError, zipfile.BadZipFile, EOFError) as error:
+        except (ValidationError, ValueError, KeyError, TypeError, zipfile.BadZipFile, EOFError) as error:
             self.notes.append(f"{path} cannot be read: {_first_line(error)}")
             return None
 

@@ -92,7 +92,7 @@ def verdict(run: RunData) -> str:
 def shaping_sentence(run: RunData) -> str:
     """What became of reward shaping, in plain words."""
     if run.reward is None:
-        return "Reward shaping has not ended: there is no reward model."
+        return f"Reward shaping has not ended: {len(run.trials)} parameter sets were simulated so far."
     return shaping_sentence_of(run.reward)
 
 

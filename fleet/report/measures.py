@@ -52,7 +52,9 @@ def text(metric: str, value: float | None) -> str:
 
 
 def duration(seconds: float) -> str:
-    """A duration in the two greatest units that it has: 2 h 5 min, 47 min 12 s, 8.2 s."""
+    """A duration in the two greatest units that it has: 2 h 5 min, 47 min 12 s, 8.2 s, 20 ms."""
+    if 0 < seconds < 1:
+        return f"{1000 * seconds:.0f} ms"
     if seconds < 60:
         return f"{seconds:.1f} s"
     minutes, rest = divmod(round(seconds), 60)

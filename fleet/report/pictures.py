@@ -125,6 +125,43 @@ def models_picture(run: RunData) -> Picture | None:
     return Picture("models.png", caption, plots.models_over_missions(models, usefulness, levels))
 
 
+def trials_picture(run: RunData) -> Picture | None:
+    """What each parameter set of reward shaping cost and reached; None when nothing can be drawn."""
+    goal = next((goal for goal in run.spec.spec.goals if goal.at_least is not None), None) if run.spec else None
+    cost = run.spec.spec.reward_shaping.minimise if run.spec else ""
+    if goal is None or not cost:
+        return None
+    (x_factor, x_unit), (y_factor, y_unit) = measures.scaled(cost), measures.scaled(goal.metric)
+    points = [(trial.mean(cost) * x_factor, trial.mean(goal.metric) * y_factor) for trial in run.trials]
+    if not np.isfinite(points).all(axis=-1).any():
+        return None
+    cloud = plots.Cloud(
+        x_label=_with_unit(measures.label(cost), x_unit),
+        y_label=_with_unit(measures.label(goal.metric), y_unit),
+        x=[x for x, _ in points],
+        y=[y for _, y in points],
+        met=[trial.goals_met for trial in run.trials],
+        chosen=_chosen(run),
+        at_least=None if goal.at_least is None else goal.at_least * y_factor,
+    )
+    caption = "Parameter sets of reward shaping in simulation, mean over the shaping contexts; dashed: the goal."
+    return Picture("shaping.png", caption, plots.trial_cloud(cloud))
+
+
+def _chosen(run: RunData) -> int | None:
+    """Which parameter set the reward model is."""
+    if run.reward is None:
+        return None
+    losses = [trial.loss for trial in run.trials if trial.goals_met == run.reward.goals_met]
+    if run.reward.loss not in losses:
+        return None
+    return [(trial.loss, trial.goals_met) for trial in run.trials].index((run.reward.loss, run.reward.goals_met))
+
+
+def _with_unit(text: str, unit: str) -> str:
+    return f"{text} ({unit})" if unit else text
+
+
 def reward_picture(run: RunData) -> Picture | None:
     """Weights of the features in the reward; None before reward shaping has ended."""
     if run.reward is None or not run.reward.features:
@@ -138,7 +175,7 @@ def _series(metric: str, points: Sequence[tuple[int, float]], goals: Sequence[Go
     low = [goal.at_least * factor for goal in goals if goal.metric == metric and goal.at_least is not None]
     high = [goal.at_most * factor for goal in goals if goal.metric == metric and goal.at_most is not None]
     return plots.Series(
-        label=measures.label(metric) + (f" ({unit})" if unit else ""),
+        label=_with_unit(measures.label(metric), unit),
         missions=[number for number, _ in points],
         values=[value * factor for _, value in points],
         at_least=max(low, default=None),

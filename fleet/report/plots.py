@@ -36,7 +36,10 @@ _STYLE: Any = {
     "figure.facecolor": "white", "savefig.facecolor": "white",
 }  # fmt: skip
 _DPI = 144
-_LEGEND_LIMIT = 12
+_LEGEND_LIMIT, _LEGEND_COLUMNS = 12, 4
+_MAP_WIDTH, _MAP_HEIGHT = 3.4, 4.6
+_LEFT, _RIGHT, _BELOW, _ABOVE, _LEGEND_ROW = 0.52, 0.95, 0.5, 0.24, 0.22
+"""Inches: greatest size of a map, and room around it."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,27 @@ class Series:
     at_most: float | None = None
 
 
+@dataclass(frozen=True)
+class Cloud:
+    """Parameter sets of reward shaping as points.
+
+    Args:
+        x_label, y_label: What the axes are, with their units.
+        x, y: Where each point is; NaN is left out.
+        met: Whether a point met every goal.
+        chosen: Index of the point that was chosen; None while there is none.
+        at_least: Goal of y.
+    """
+
+    x_label: str
+    y_label: str
+    x: Sequence[float]
+    y: Sequence[float]
+    met: Sequence[bool]
+    chosen: int | None = None
+    at_least: float | None = None
+
+
 def value_scale(label: str, grids: Sequence[NDArray[np.float64]]) -> Scale:
     """One scale for several maps, from the 1st to the 99th percentile so that a few outliers do not hide the rest."""
     low, high = _spread(grids, 1, 99)
@@ -99,12 +123,12 @@ def class_scale(label: str, grids: Sequence[NDArray[np.float64]]) -> Scale:
 def value_map(grid: Grid, values: NDArray[np.float64], scale: Scale) -> bytes:
     """A PNG of numbers on the grid; cells that are NaN are grey."""
     with mpl.rc_context(_STYLE):
-        figure, axes = _map_figure(grid)
+        figure, axes, beside = _map_figure(grid)
         colours, norm, ticks = _colours(scale)
         image = axes.imshow(values, cmap=colours, norm=norm, interpolation="nearest", aspect="auto")
         _orient(axes, grid)
         extend = "neither" if scale.steps else _extend(values, scale)
-        bar = figure.colorbar(image, ax=axes, extend=extend, ticks=ticks, fraction=0.05, pad=0.03)
+        bar = figure.colorbar(image, cax=beside, extend=extend, ticks=ticks)
         bar.set_label(scale.label)
         bar.outline.set_visible(False)
         return _png(figure)
@@ -113,7 +137,8 @@ def value_map(grid: Grid, values: NDArray[np.float64], scale: Scale) -> bytes:
 def path_map(grid: Grid, background: NDArray[np.float64] | None, tracks: Sequence[Track]) -> bytes:
     """A PNG of each agent's way over the grid: a disc where it took off, a cross where it ended."""
     with mpl.rc_context(_STYLE):
-        figure, axes = _map_figure(grid, room_for_legend=len(tracks) <= _LEGEND_LIMIT)
+        figure, axes, beside = _map_figure(grid, legend_rows=_legend_rows(len(tracks)))
+        beside.remove()
         below = np.where(grid.valid, 1.0, np.nan) if background is None else background
         colours, norm, _ = _colours(Scale("", *_faint(below), TRUTH_BELOW_PATHS))
         colours = colours.with_extremes(bad="white")
@@ -121,8 +146,8 @@ def path_map(grid: Grid, background: NDArray[np.float64] | None, tracks: Sequenc
         for index, track in enumerate(tracks):
             _draw_track(axes, track, index)
         _orient(axes, grid)
-        if 0 < len(tracks) <= _LEGEND_LIMIT:
-            figure.legend(loc="outside lower center", ncols=min(4, len(tracks)), frameon=False)
+        if _legend_rows(len(tracks)):
+            figure.legend(loc="lower center", ncols=_LEGEND_COLUMNS, frameon=False, handlelength=1.4, columnspacing=1.2)
         return _png(figure)
 
 
@@ -184,12 +209,44 @@ def reward_weights(features: Sequence[str], weights: Sequence[float]) -> bytes:
         return _png(figure)
 
 
-def _map_figure(grid: Grid, room_for_legend: bool = False) -> tuple[Figure, Axes]:
+def trial_cloud(cloud: Cloud) -> bytes:
+    """A PNG of what the parameter sets of reward shaping came to in simulation."""
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(4.6, 2.7), layout="constrained")
+        axes = figure.add_subplot()
+        x, y, met = np.array(cloud.x), np.array(cloud.y), np.array(cloud.met, dtype=np.bool_)
+        axes.scatter(x[~met], y[~met], s=20, facecolors="none", edgecolors=AGENTS[1], label="missed a goal")
+        axes.scatter(x[met], y[met], s=20, color=AGENTS[0], label="met every goal")
+        if cloud.chosen is not None:
+            at = (x[cloud.chosen], y[cloud.chosen])
+            axes.scatter(*at, s=110, facecolors="none", edgecolors=INK, lw=1.3, label="chosen", zorder=4)
+        if cloud.at_least is not None:
+            axes.axhline(cloud.at_least, color=AGENTS[1], lw=1.0, ls="--", zorder=0)
+        axes.set_xlabel(cloud.x_label)
+        axes.set_ylabel(cloud.y_label)
+        axes.margins(0.08)
+        axes.grid(color=NO_DATA, lw=0.6)
+        axes.set_axisbelow(True)
+        figure.legend(loc="outside upper left", ncols=3, frameon=False, handletextpad=0.2)
+        return _png(figure)
+
+
+def _map_figure(grid: Grid, legend_rows: int = 0) -> tuple[Figure, Axes, Axes]:
+    """A figure, the map's axes, and axes for the colours beside it; the map is at the same place in every picture."""
     shape = (grid.rows * grid.cell_height_m) / (grid.columns * grid.cell_width_m)
-    width = 4.6
-    height = min(max(width * 0.78 * shape, 1.6), 7.0)
-    figure = Figure(figsize=(width, height + 0.5 + 0.3 * room_for_legend), layout="constrained")
-    return figure, figure.add_subplot()
+    width = min(_MAP_WIDTH, _MAP_HEIGHT / shape)
+    height = max(width * shape, 0.8)
+    below = _BELOW + _LEGEND_ROW * legend_rows
+    whole = (_LEFT + _MAP_WIDTH + _RIGHT, below + height + _ABOVE)
+    figure = Figure(figsize=whole)
+    left, bottom = (_LEFT + (_MAP_WIDTH - width) / 2) / whole[0], below / whole[1]
+    axes = figure.add_axes((left, bottom, width / whole[0], height / whole[1]))
+    beside = figure.add_axes((left + (width + 0.1) / whole[0], bottom, 0.13 / whole[0], height / whole[1]))
+    return figure, axes, beside
+
+
+def _legend_rows(agents: int) -> int:
+    return -(-agents // _LEGEND_COLUMNS) if agents <= _LEGEND_LIMIT else 0
 
 
 def _orient(axes: Axes, grid: Grid) -> None:

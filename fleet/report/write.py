@@ -42,11 +42,12 @@ def write(run: RunData, out: Path) -> Path:
 
 
 def _pictures(run: RunData) -> dict[str, tuple[Picture, ...]]:
-    models, reward = pictures.models_picture(run), pictures.reward_picture(run)
+    models = pictures.models_picture(run)
+    reward = [one for one in (pictures.reward_picture(run), pictures.trials_picture(run)) if one is not None]
     return {
         "metrics": pictures.metric_pictures(run),
         "models": (models,) if models else (),
-        "reward": (reward,) if reward else (),
+        "reward": tuple(reward),
         **{f"mission {one.number}": pictures.mission_pictures(one) for one in pictures.pictured(run.missions)},
     }
 

@@ -70,17 +70,20 @@ _FUNCTION = (
     CelRule("self.timeout.matches('[1-9]')", "timeout must be more than 0s"),
 )
 
-RULES: Mapping[str, tuple[CelRule, ...]] = {
-    "Amounts": (
-        CelRule(
-            "!has(self.memory) || !quantity(string(self.memory)).isLessThan(quantity('1Mi'))",
-            "memory is in bytes, and less than 1Mi can hold no program: write 256Mi, not 256 or 256m",
-        ),
-        CelRule(
-            "!has(self.cpu) || !quantity(string(self.cpu)).isGreaterThan(quantity('1k'))",
-            "cpu is in cores, and no machine has more than 1000: write 500m or 2",
-        ),
+_AMOUNTS = (
+    CelRule(
+        "!has(self.memory) || !quantity(string(self.memory)).isLessThan(quantity('1Mi'))",
+        "memory is in bytes, and less than 1Mi can hold no program: write 256Mi, not 256 or 256m",
     ),
+    CelRule(
+        "!has(self.cpu) || !quantity(string(self.cpu)).isGreaterThan(quantity('1k'))",
+        "cpu is in cores, and no machine has more than 1000: write 500m or 2",
+    ),
+)
+
+RULES: Mapping[str, tuple[CelRule, ...]] = {
+    "Amounts": _AMOUNTS,
+    "Scheduling": _AMOUNTS,
     "Resources": (_within("cpu"), _within("memory")),
     "Agents": (
         CelRule(f"has(self.count) != {_MEMBERS}", "give either count or members, and not both"),

@@ -118,7 +118,7 @@ def read(model: type[R], document: Document) -> Reading[R]:
     schema = schema_of(model)
     value = without_nulls(document.value)
     resource, errors = _validated(model, value)
-    told = [_with_empty(finding, document.value) for finding in messages.findings(errors, schema)]
+    told: list[Finding] = [_with_empty(finding, document.value) for finding in messages.findings(errors, schema)]
     told += _repetitions(schema, value)
     broken = (*document.broken, *(place for finding in told for place in finding.reads or (finding.path,)))
     sound = resource or _sound(model, value, errors, schema)

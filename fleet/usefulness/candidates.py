@@ -9,7 +9,6 @@ from fleet.randomness import named_seed
 
 LARGEST_STEP = 0.5
 """How far from the best known weights new ones may lie: at most half of the weight moves in one mission."""
-STEPS = (LARGEST_STEP, LARGEST_STEP / 2)
 CONCENTRATIONS = (0.1, 0.3, 1.0, 3.0)
 """Of the Dirichlet distributions: from nearly single models to nearly uniform."""
 SAMPLES = 64
@@ -23,9 +22,9 @@ def directions(models: int, seed: int) -> NDArray[np.float64]:
     return np.concatenate([np.eye(models), np.full((1, models), 1.0 / models), *mixtures])
 
 
-def around(best: NDArray[np.float64], towards: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points on the way from the best weights to others, float64 [steps * n, models]."""
-    return np.concatenate([best + step * (towards - best) for step in STEPS])
+def around(best: NDArray[np.float64], towards: NDArray[np.float64], *steps: float) -> NDArray[np.float64]:
+    """Points on the way from the best weights to others, float64 [steps * n, models]; a step of 1 goes all the way."""
+    return np.concatenate([best + step * (towards - best) for step in steps])
 
 
 def replayed(best: NDArray[np.float64], last: NDArray[np.float64], count: int, seed: int) -> NDArray[np.float64]:
@@ -40,6 +39,6 @@ def replayed(best: NDArray[np.float64], last: NDArray[np.float64], count: int, s
     singles = np.eye(models)[generator.permutation(models)]
     mixtures = generator.dirichlet(np.ones(models), size=count)
     towards = np.concatenate([singles, mixtures])
-    points = np.concatenate([last[None], best[None], best + LARGEST_STEP * (towards - best)])
+    points = np.concatenate([last[None], best[None], around(best, towards, LARGEST_STEP)])
     first = np.sort(np.unique(np.round(points, 9), axis=0, return_index=True)[1])
     return np.asarray(points[first[:count]])

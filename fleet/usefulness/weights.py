@@ -3,7 +3,7 @@
 Each agent has its own process over its own weights. It is told one observation a mission, and replays of the last
 mission as more and noisier ones. With 16 models and a few missions the process knows little, and expected improvement
 alone would try one corner of the simplex after the other. So the next weights lie at most `LARGEST_STEP` of the way
-from the best that was flown; and while only one point is known, they are half of that and half of all models alike.
+from the best that was flown; while only one point is known, they move a little towards all models alike.
 
 Source: paper, section "Bayesian optimization for system-level hyperparameters".
 """
@@ -19,7 +19,7 @@ from fleet.learning.bayes import expected_improvement
 from fleet.missions.documents import INITIAL
 from fleet.randomness import named_seed
 from fleet.spec.learning import OnlineLearning, WeightLearner
-from fleet.usefulness.candidates import around, directions, replayed
+from fleet.usefulness.candidates import LARGEST_STEP, around, directions, replayed
 from fleet.usefulness.history import History, Observation, Weights
 
 Replay = Callable[[str, Sequence[Weights]], Sequence[float]]
@@ -27,6 +27,8 @@ Replay = Callable[[str, Sequence[Weights]], Sequence[float]]
 
 MISSION_NOISE_SD = 0.005
 """Standard deviation of a mission's loss for the same weights, in units of the loss."""
+FIRST_STEP = LARGEST_STEP / 2
+"""How far the weights move towards all models alike while only one point is known."""
 DECIMALS = 6
 
 
@@ -109,8 +111,10 @@ def _improve(
         losses = np.concatenate([losses, believed])
         noise_sd = np.concatenate([noise_sd, np.full(len(tried), MISSION_NOISE_SD * learning.replay_noise)])
     if len(np.unique(points, axis=0)) < 2:
-        return np.asarray(around(best, np.full((1, len(keys)), 1.0 / len(keys)))[0])
-    candidates = np.concatenate([best[None], around(best, directions(len(keys), seed)), points[len(flown) :]])
+        return np.asarray(around(best, np.full((1, len(keys)), 1.0 / len(keys)), FIRST_STEP)[0])
+    candidates = np.concatenate(
+        [best[None], around(best, directions(len(keys), seed), LARGEST_STEP, LARGEST_STEP / 2), points[len(flown) :]]
+    )
     gain = expected_improvement(points, losses, noise_sd, candidates, seed)
     return np.asarray(candidates[int(np.argmax(gain))])
 

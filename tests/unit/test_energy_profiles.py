@@ -7,7 +7,7 @@ import pytest
 from fleet.energy.profiles import AircraftProfile, EdgeProfile, built_in, load_aircraft, load_edge
 from fleet.errors import SpecError
 
-TASKS = "forward backward left right takeoff land capture hover".split()
+TASKS = ["forward", "backward", "left", "right", "takeoff", "land", "capture", "hover"]
 
 
 def test_every_built_in_profile_is_a_good_one() -> None:

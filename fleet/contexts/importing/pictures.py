@@ -13,9 +13,9 @@ from fleet.contexts.cells import Pictures
 from fleet.contexts.importing.assemble import Located, Orientation, assemble
 from fleet.contexts.importing.columns import choose_features, choose_truth
 from fleet.contexts.importing.options import Imported, ImportOptions
-from fleet.contexts.importing.points import grid_points
+from fleet.contexts.importing.points import grid_points, read_degrees
 from fleet.contexts.importing.sheet import VERDICT, Sheet, read_sheet
-from fleet.contexts.importing.table import COLUMN, LAT, LON, ROW, check_grid, orient, positions_of
+from fleet.contexts.importing.table import COLUMN, ROW, check_grid, orient, positions_of
 from fleet.contexts.manifest import BrokenContext
 from fleet.errors import Problem
 
@@ -83,13 +83,9 @@ def _place(
         check_grid(sheet, rows, columns, options)
         sheet.check()
         return rows, columns, orient(rows, columns, positions, options, where)
-    lat, lon = sheet.find(*LAT), sheet.find(*LON)
-    if lat is None or lon is None:
-        hint = f"give columns row and col, or lat and lon; the table has {', '.join(sheet.header)}"
-        raise BrokenContext(where, [Problem("header", "says not where the pictures are", hint)], VERDICT)
-    degrees = sheet.floats(lat, required=True), sheet.floats(lon, required=True)
+    lat, lon = read_degrees(sheet)
     sheet.check()
-    return grid_points(*degrees, options)
+    return grid_points(lat, lon, options)
 
 
 def _read(sheet: Sheet, column: str, folder: Path) -> list[Media]:

@@ -34,7 +34,7 @@ def import_points(text: str, options: ImportOptions, where: str = "the points") 
         BrokenContext: lists every bad line with its number, column and what to write.
     """
     sheet, notes = read_sheet(text, where, options.where)
-    lat, lon = _positions(sheet)
+    lat, lon = read_degrees(sheet)
     date = sheet.find("date")
     dates = sheet.dates(date, options.date)
     features, described, more = _features(sheet, options, {*options.where, *([date] if date else [])})
@@ -96,11 +96,16 @@ def inliers(values: NDArray[np.float64], limit: float) -> tuple[NDArray[np.bool_
     return kept, int(len(values) - kept.sum())
 
 
-def _positions(sheet: Sheet) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def read_degrees(sheet: Sheet) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Latitude and longitude of every line, in degrees; what is none becomes a problem of its line.
+
+    Raises:
+        BrokenContext: the table has no such columns.
+    """
     lat, lon = sheet.find(*LAT), sheet.find(*LON)
     if lat is None or lon is None:
         hint = f"give columns lat and lon in degrees; the table has {', '.join(sheet.header)}"
-        raise BrokenContext(sheet.where, [Problem("header", "says not where the points are", hint)], VERDICT)
+        raise BrokenContext(sheet.where, [Problem("header", "says not where the lines are", hint)], VERDICT)
     return _degrees(sheet, lat, 90), _degrees(sheet, lon, 180)
 
 

@@ -6,7 +6,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -109,9 +109,9 @@ class Sheet:
         texts = [text for text in self.texts(column) if text.lower() not in MISSING]
         return bool(texts) and 2 * sum(as_number(text) is not None for text in texts) >= len(texts)
 
-    def kept(self, keep: Callable[[tuple[str, ...]], bool]) -> Sheet:
-        """The same table with some of its lines."""
-        chosen = [index for index, line in enumerate(self.lines) if keep(line)]
+    def having(self, column: str, wanted: str) -> Sheet:
+        """The same table with the lines that have a text in a column."""
+        chosen = [index for index, text in enumerate(self.texts(column)) if text == wanted]
         numbers, lines = [self.numbers[i] for i in chosen], [self.lines[i] for i in chosen]
         return Sheet(self.where, self.header, numbers, lines, self.problems)
 
@@ -130,7 +130,7 @@ def read_sheet(text: str, where: str, selection: Mapping[str, str] | None = None
     Raises:
         BrokenContext: it is empty, or columns of the selection are not there.
     """
-    rows = list(_rows(text.removeprefix("\ufeff")))
+    rows = list(_rows(text.removeprefix("\ufeff"), where))
     if len(rows) < 2:
         hint = "give a header and at least one line"
         raise BrokenContext(where, [Problem("", "is empty" if not rows else "has a header only", hint)], VERDICT)
@@ -155,7 +155,7 @@ def as_number(text: str) -> float | None:
     return value if math.isfinite(value) and "_" not in text else None
 
 
-def _rows(text: str) -> Iterator[tuple[int, list[str]]]:
+def _rows(text: str, where: str) -> Iterator[tuple[int, list[str]]]:
     first = text.split("\n", 1)[0]
     separator = next((mark for mark in "\t;," if mark in first), " ")
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True)
@@ -168,7 +168,7 @@ def _rows(text: str) -> Iterator[tuple[int, list[str]]]:
                 yield reader.line_num, fields
     except csv.Error as error:
         hint = "check the quotes of that line"
-        raise BrokenContext("the table", [Problem("", str(error), hint, reader.line_num)], VERDICT) from error
+        raise BrokenContext(where, [Problem("", str(error), hint, reader.line_num)], VERDICT) from error
 
 
 def _fill(sheet: Sheet, rows: list[tuple[int, list[str]]]) -> int:
@@ -194,9 +194,8 @@ def _selected(sheet: Sheet, selection: Mapping[str, str]) -> Sheet:
         if column not in sheet.header:
             hint = f"the table has {', '.join(sheet.header)}"
             raise BrokenContext(sheet.where, [Problem(column, "there is no such column", hint)], VERDICT)
-        index = sheet.header.index(column)
-        there = sorted({line[index] for line in sheet.lines})
-        sheet = sheet.kept(lambda line, i=index, text=wanted: line[i] == text)  # type: ignore[misc]  # bound now
+        there = sorted(set(sheet.texts(column)))
+        sheet = sheet.having(column, wanted)
         if not sheet.lines:
             problem = Problem(column, f"no line has {wanted!r}", f"it has {', '.join(there[:10])}")
             raise BrokenContext(sheet.where, [problem], VERDICT)

@@ -8,7 +8,6 @@ a step twice is the same as doing it once.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import assert_never
 
@@ -202,8 +201,8 @@ def _next_mission(course: Course, progress: Progress) -> Step:
     if course.suspended:
         return Suspended(number)
     ended_s = progress.missions[-1].ended_s if progress.missions else None
-    left_s = 0.0 if ended_s is None else ended_s + course.interval_s - progress.now_s
-    return Wait(number, left_s) if left_s > 0 and math.isfinite(left_s) else Order(number)
+    left_s = 0.0 if ended_s is None else min(course.interval_s, ended_s + course.interval_s - progress.now_s)
+    return Wait(number, left_s) if left_s > 0 else Order(number)
 
 
 def phase(step: Step) -> str:  # noqa: PLR0911 - one word for each kind of step

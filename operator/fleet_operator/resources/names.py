@@ -98,4 +98,5 @@ def _name(*parts: str) -> str:
 
 def _hashed(text: str, parts: tuple[str, ...]) -> str:
     digest = hashlib.blake2b("\0".join(parts).encode(), digest_size=_HASH_DIGITS // 2).hexdigest()
-    return f"{text[: LONGEST - _HASH_DIGITS - 1].strip('-._')}-{digest}"
+    start = text[: LONGEST - _HASH_DIGITS - 1].strip("-._")
+    return f"{start}-{digest}" if start else digest
