@@ -1,201 +1,76 @@
 """Do replays of a mission's own records help to find weights over the models?
 
-    PYTHONPATH=. python bench/replays.py [--seeds 8] [--missions 5] [--fields synthetic 2018-08-02 2018-09-16]
+    python -m bench.replays [--seeds 8] [--missions 5] [--fields synthetic 2018-06-01 ...]
 
 Four agents fly a field several times. SA was trained on another field; after each mission the models of all subsets
 of agents are retrained. Two models are planted among them: a useless one (random scores) and a harmful one (of 24
 random models the one that loses most when it is flown alone). Weights are proposed with replays, without, and not at
-all (uniform; first model alone). The same seeds go through all four, so differences are paired.
+all (uniform; first model alone). The same seeds go through all four, so differences are paired. The goal is what the
+first model reaches minus 0.10 (slack: only energy counts) or plus 0.01 (tight: accuracy counts).
+
+@@RESULTS@@
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 from scipy.stats import spearmanr
 
+from bench.measure import Result
+from bench.scouting import AGENTS, ENERGY, FEATURES, Outcome, World, alone, objective, shaken, trained, world_of
 from fleet.aggregation.retrain import retrain
 from fleet.aggregation.subsets import Subset, subsets_for
-from fleet.contexts.base import Environment
-from fleet.contexts.grid import Grid
-from fleet.energy.accounting import EnergyModel
-from fleet.energy.profiles import load_aircraft, load_edge
-from fleet.functions.evaluation import truth_metrics
-from fleet.functions.extrapolation import neighbour_mean
-from fleet.learning.blend import blend
-from fleet.learning.experience import from_trace
-from fleet.learning.goals import Objective
-from fleet.learning.model import Fit, SAModel
+from fleet.learning.model import SAModel
 from fleet.learning.qlearning import QLearning
-from fleet.learning.reward import Normaliser, RewardModel
 from fleet.missions.documents import INITIAL
-from fleet.missions.layout import MOVES, Layout, plan_layout
-from fleet.missions.records import Record
-from fleet.simulator.batch import Batch, Flown, fly
 from fleet.spec.learning import OnlineLearning, Retraining, SASpec, WeightLearner
 from fleet.spec.resources import Fleet
-from fleet.spec.swarm import Agents, Goal, Groups, StateSpace
 from fleet.usefulness.belief import believed_ssv
 from fleet.usefulness.history import History, Observation
-from fleet.usefulness.loss import Effort, MissionLoss, effort, full_energy_j, part_cells
 from fleet.usefulness.replay import Replayer
 from fleet.usefulness.weights import first_weights, propose_weights
 
-ROOT = Path(__file__).resolve().parent.parent
-AGENTS = [f"agent-{number}" for number in range(1, 5)]
-FEATURES = ("exg", "lai", "brightness")
-ENERGY = EnergyModel(load_aircraft("spark-survey"), load_edge("laptop-i5"))
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+FIELDS = ("synthetic", "2018-06-01", "2018-08-02", "2018-09-16")
+TIGHTNESS = (-0.1, 0.01)
 USELESS, HARMFUL = "useless", "harmful"
+ALONE, UNIFORM, WITHOUT, WITH = "first model alone", "uniform", "EI, no replays", "EI, 16 replays"
+ARMS: dict[str, OnlineLearning | None] = {
+    ALONE: None,
+    UNIFORM: OnlineLearning(weights=WeightLearner.UNIFORM, replays=0),
+    WITHOUT: OnlineLearning(replays=0),
+    WITH: OnlineLearning(replays=16),
+}
 
 
 @dataclass(frozen=True, eq=False)
-class Field:
-    """A field with the SSV of each cell, and the true quantity, which is the first feature."""
+class Case:
+    """One field and goal over several seeds.
 
-    environment: Environment
-    layout: Layout
-    ssv: NDArray[np.float64]
+    Args:
+        losses: Of each arm, the mean over the missions after the first, [seeds].
+        harm: Of each arm, the mean weight that the harmful model got, [seeds].
+        ranks: Rank correlation of replayed with true losses, [seeds].
+        worst: How much more the harmful model loses than the first one, [seeds].
+    """
 
+    name: str
+    losses: dict[str, list[float]]
+    harm: dict[str, list[float]]
+    ranks: list[float]
+    worst: list[float]
 
-def corn(date: str, data: Path) -> Field:
-    """The real field: pictures in a cell are averaged."""
-    sums: dict[tuple[int, int], list[list[float]]] = defaultdict(list)
-    with (data / "corn-cube" / f"{date}.csv").open() as file:
-        for row in csv.DictReader(file):
-            sums[int(row["row"]), int(row["col"])].append([float(row[name]) for name in FEATURES])
-    cube = np.full((max(r for r, _ in sums) + 1, max(c for _, c in sums) + 1, len(FEATURES)), np.nan)
-    for (row, column), values in sums.items():
-        cube[row, column] = np.mean(values, axis=0)
-    return _field(date, cube)
-
-
-def synthetic(seed: int) -> Field:
-    """A smooth random field of 36 x 30 cells with noise; the second feature follows it, the third does not."""
-    generator = np.random.default_rng(seed)
-
-    def smooth(width: float) -> NDArray[np.float64]:
-        values = gaussian_filter(generator.normal(size=(36, 30)), width)
-        return np.asarray(values / values.std())
-
-    truth = 100 + 12 * (0.9 * smooth(2.5) + 0.45 * generator.normal(size=(36, 30)))
-    cube = np.stack([truth, 0.01 * truth + 0.1 * generator.normal(size=truth.shape), smooth(1.5)], axis=2)
-    cube[generator.random(truth.shape) < 0.05] = np.nan
-    return _field(f"synthetic-{seed}", cube)
-
-
-def _field(name: str, cube: NDArray[np.float64]) -> Field:
-    grid = Grid(np.isfinite(cube).all(axis=2), 11.9, 8.9)
-    space = StateSpace(context="field", groups=Groups(rows=4, columns=4))
-    layout = plan_layout(grid, space, Agents(count=4).resolved)
-    return Field(Environment(name, name, grid, "exg", cube[..., 0]), layout, cube.reshape(-1, cube.shape[2]))
-
-
-def batch_of(
-    field: Field, reward: RewardModel, scores: NDArray[np.float64], exploration: float, missions: int
-) -> Batch:
-    """Missions in which each agent has its own score table."""
-    return Batch(
-        scores=scores,
-        table=np.tile(np.arange(len(scores)) % 4 if len(scores) == 4 else np.zeros(4, np.int64), (missions, 1)),
-        rewards=reward.reward(np.nan_to_num(field.ssv))[None],
-        reward_of=np.zeros(missions, np.int64),
-        utility_thresholds=np.full(missions, reward.utility_threshold),
-        visited_thresholds=np.full(missions, reward.visited_threshold, np.int64),
-        exploration=np.full(missions, exploration),
-        missions=np.arange(missions),
-    )
-
-
-def scores_of(model: SAModel, ssv: NDArray[np.float64]) -> NDArray[np.float64]:
-    table = np.zeros((len(ssv), len(MOVES)))
-    valid = np.isfinite(ssv).all(axis=1)
-    table[valid] = model.scores(ssv[valid])
-    return table
-
-
-def trained(field: Field, reward: RewardModel, seed: int) -> QLearning:
-    """SA after simulated missions over a field."""
-    model = QLearning.blank(SASpec(), FEATURES, reward.normaliser, seed)
-    for turn in range(4):
-        scores = scores_of(model, field.ssv)[None]
-        flown = fly(field.layout, batch_of(field, reward, scores, 1.0 if turn == 0 else 0.3, 4), traced=True)
-        assert flown.trace is not None
-        rewards = reward.reward(np.nan_to_num(field.ssv))
-        model = model.updated(from_trace(flown.trace, field.ssv, rewards), Fit(epochs=2, seed=seed + turn))
-    return model
-
-
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """A flown mission."""
-
-    loss: float
-    accuracy: float
-    energy_j: float
-    believed: MissionLoss
-    efforts: dict[str, Effort]
-    logs: dict[str, tuple[Record, ...]]
-
-    @property
-    def smooth(self) -> float:
-        """The loss without its jump at the goal."""
-        return self.believed.of(self.believed.whole)
-
-
-@dataclass(frozen=True, eq=False)
-class World:
-    """The field as it is in one mission, and what is demanded."""
-
-    field: Field
-    reward: RewardModel
-    objective: Objective
-
-    def fly(self, weights: Mapping[str, Mapping[str, float]], models: Mapping[str, SAModel], log: bool) -> Outcome:
-        """Fly and evaluate with the truth."""
-        field = self.field
-        tables = {key: scores_of(model, field.ssv) for key, model in models.items()}
-        scores = np.stack([blend(tables, weights[agent]) for agent in AGENTS])
-        flown = fly(field.layout, batch_of(field, self.reward, scores, 0.0, 1), traced=True)
-        energies = [ENERGY.flight(flown.counts(0, n)).energy_j for n in range(4)]
-        grid = field.environment.grid
-        seen = np.where(flown.captured[0], field.ssv[:, 0], np.nan).reshape(grid.rows, grid.columns)
-        metrics = truth_metrics(neighbour_mean(seen, grid), field.environment)
-        metrics["uav_energy_j"] = sum(energies)
-        sizes = [part_cells(field.layout, n) for n in range(4)]
-        all_j = sum(full_energy_j(field.layout, n, ENERGY) for n in range(4))
-        captures = flown.captures[0].tolist()
-        efforts = {a: effort(field.layout, n, captures[n], energies[n], ENERGY) for n, a in enumerate(AGENTS)}
-        whole = Effort(sum(captures) / sum(sizes), sum(energies) / all_j)
-        believed = MissionLoss(self.objective, metrics, whole, all_j)
-        logs = records_of(flown, field) if log else {}
-        loss = self.objective.loss(metrics, all_j)
-        return Outcome(loss, metrics["accuracy"], sum(energies), believed, efforts, logs)
-
-
-def records_of(flown: Flown, field: Field) -> dict[str, tuple[Record, ...]]:
-    """The logs that the workflows would have left."""
-    trace = flown.trace
-    assert trace is not None
-    logs = {}
-    for n, agent in enumerate(AGENTS):
-        records = []
-        for step in range(int(trace.steps[0, n])):
-            cell, captured = int(trace.cell[0, n, step]), bool(trace.captured[0, n, step])
-            row, column = field.environment.grid.position(cell)
-            ssv = tuple(field.ssv[cell].tolist()) if captured else ()
-            legal, move = int(trace.legal[0, n, step]), int(trace.move[0, n, step])
-            records.append(Record(step, cell, row, column, captured, ssv, legal, move, "", 0.0, 0.0))
-        logs[agent] = tuple(records)
-    return logs
+    def gain(self, arm: str, base: str) -> NDArray[np.float64]:
+        """By how much an arm loses more than another, [seeds]."""
+        return np.array(self.losses[arm]) - np.array(self.losses[base])
 
 
 def planted(world: World, seed: int) -> dict[str, SAModel]:
@@ -205,11 +80,6 @@ def planted(world: World, seed: int) -> dict[str, SAModel]:
     chance = [replace(blank, weights=generator.normal(size=blank.weights.shape)) for _ in range(24)]
     worst = int(np.argmax([alone(world, model).smooth for model in chance]))
     return {USELESS: chance[(worst + 1) % 24], HARMFUL: chance[worst]}
-
-
-def alone(world: World, model: SAModel) -> Outcome:
-    """Every agent flies with one model."""
-    return world.fly({agent: {"it": 1.0} for agent in AGENTS}, {"it": model}, log=False)
 
 
 @cache
@@ -225,13 +95,6 @@ def subsets() -> tuple[Subset, ...]:
         }
     )
     return subsets_for(fleet)
-
-
-def shaken(world: World, seed: int) -> World:
-    """The same field on another day: SSVs vary a little, and so does the truth."""
-    ssv = world.field.ssv
-    noise = np.random.default_rng(seed).normal(size=ssv.shape) * 0.1 * np.nanstd(ssv, axis=0)
-    return replace(world, field=replace(world.field, ssv=ssv + noise))
 
 
 def campaign(
@@ -267,35 +130,8 @@ def campaign(
     return outcomes, all_weights
 
 
-def arms() -> dict[str, OnlineLearning | None]:
-    return {
-        "first model alone": None,
-        "uniform": OnlineLearning(weights=WeightLearner.UNIFORM, replays=0),
-        "EI, no replays": OnlineLearning(replays=0),
-        "EI, 16 replays": OnlineLearning(replays=16),
-    }
-
-
-def world_of(name: str, seed: int, data: Path) -> tuple[World, World]:
-    """The field that is flown, and the one that SA was trained on."""
-    other = {"2018-08-02": "2018-06-01", "2018-09-16": "2018-08-02", "2018-06-01": "2018-09-16"}
-    flown = synthetic(seed) if name == "synthetic" else corn(name, data)
-    known = synthetic(seed + 500) if name == "synthetic" else corn(other[name], data)
-    normaliser = Normaliser.over([known.ssv])
-    weights = tuple(np.random.default_rng(seed).random(len(FEATURES)).tolist())
-    reward = RewardModel(
-        features=FEATURES, weights=weights, normaliser=normaliser, utility_threshold=0.45 * 8 * sum(weights),
-        visited_threshold=9, loss=0.0, goals_met=True,
-    )  # fmt: skip
-    return World(flown, reward, objective(0.7)), World(known, reward, objective(0.7))
-
-
-def objective(accuracy: float) -> Objective:
-    return Objective((Goal(metric="accuracy", at_least=accuracy),), "uav_energy_j")
-
-
-def correlation(world: World, first: dict[str, SAModel], seed: int) -> tuple[float, float]:
-    """How well replays order weights: rank correlation with the true energy+unseen cost, and with the true loss."""
+def rank_correlation(world: World, first: dict[str, SAModel], seed: int) -> float:
+    """How well replays order weights: rank correlation with the true loss over single models and mixtures."""
     flown = world.fly(first_weights(AGENTS), first, log=True)
     models = dict(first)
     for subset in subsets():
@@ -310,54 +146,68 @@ def correlation(world: World, first: dict[str, SAModel], seed: int) -> tuple[flo
     candidates = [dict(zip(keys, point.tolist(), strict=True)) for point in points]
     believed = np.mean([replayer(agent, candidates) for agent in AGENTS], axis=0)
     true = [world.fly(dict.fromkeys(AGENTS, candidate), models, log=False) for candidate in candidates]
-    losses = [each.loss for each in true]
-    smooth = [each.smooth for each in true]
-    return float(spearmanr(believed, smooth)[0]), float(spearmanr(believed, losses)[0])
+    return float(spearmanr(believed, [each.smooth for each in true])[0])
+
+
+def measure(field: str, tightness: float, seeds: int, missions: int) -> Case:
+    """Fly all arms."""
+    case = Case(f"{field}, goal {tightness:+.2f}", defaultdict(list), defaultdict(list), [], [])
+    for seed in range(seeds):
+        world, known = world_of(field, seed, DATA)
+        first: dict[str, SAModel] = {INITIAL: trained(known.field, world.reward, seed)}
+        goal = objective(alone(world, first[INITIAL]).accuracy + tightness)
+        world = replace(world, objective=goal)
+        first |= planted(world, seed)
+        case.worst.append(alone(world, first[HARMFUL]).smooth - alone(world, first[INITIAL]).smooth)
+        case.ranks.append(rank_correlation(world, first, seed))
+        for arm, learning in ARMS.items():
+            outcomes, weights = campaign(world, first, learning, missions, seed)
+            case.losses[arm].append(float(np.mean([each.smooth for each in outcomes[1:]])))
+            given = [[own.get(HARMFUL, 0.0) for own in each.values()] for each in weights[1:]]
+            case.harm[arm].append(float(np.mean(given)))
+    return case
+
+
+def report(case: Case) -> None:
+    """Print a case."""
+    print(f"== {case.name} of what the first model reaches")
+    print(f"rank correlation of replayed and true losses {np.mean(case.ranks):.2f}")
+    print(f"the harmful model flown alone: loss {np.mean(case.worst):+.4f}")
+    for arm, values in case.losses.items():
+        gain, harm = _mean(case.gain(arm, ALONE)), np.mean(case.harm[arm])
+        print(f"{arm:18} loss {np.mean(values):.4f}, {gain} of first; weight of harmful {harm:.3f}")
+    difference = case.gain(WITH, WITHOUT)
+    print(f"replays - none: {_mean(difference)}, better for {np.mean(difference < 0):.0%} of the seeds", flush=True)
+
+
+def _mean(values: NDArray[np.float64]) -> str:
+    """Mean and its standard error."""
+    return f"{values.mean():+.4f} +- {values.std(ddof=1) / np.sqrt(len(values)):.4f}"
+
+
+def run() -> list[Result]:
+    """The short form for `make bench`: the real field where the data is there, else synthetic ones."""
+    fields: Sequence[str] = FIELDS[:2] if (DATA / "corn-cube").is_dir() else FIELDS[:1]
+    cases = [measure(field, tightness, seeds=4, missions=4) for field in fields for tightness in TIGHTNESS]
+    command = f"python -m bench.replays --seeds 4 --missions 4 --fields {' '.join(fields)}"
+    return [
+        Result.against(
+            f"mission loss with replays, {case.name}", float(np.mean(case.losses[WITH])), "loss",
+            ("without replays", float(np.mean(case.losses[WITHOUT]))), command,
+        )
+        for case in cases
+    ]  # fmt: skip
 
 
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--seeds", type=int, default=8)
     parser.add_argument("--missions", type=int, default=5)
-    parser.add_argument("--fields", nargs="+", default=["synthetic", "2018-08-02", "2018-09-16"])
-    parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data")
+    parser.add_argument("--fields", nargs="+", default=FIELDS)
     arguments = parser.parse_args()
-    for name in arguments.fields:
-        for tightness in (-0.1, 0.01):
-            print(f"== {name}, goal {tightness:+.2f} of what the first model reaches")
-            measure(name, tightness, arguments)
-
-
-def measure(name: str, tightness: float, arguments: argparse.Namespace) -> None:
-    losses: dict[str, list[float]] = defaultdict(list)
-    harm: dict[str, list[float]] = defaultdict(list)
-    ranks, worst = [], []
-    for seed in range(arguments.seeds):
-        world, known = world_of(name, seed, arguments.data)
-        first: dict[str, SAModel] = {INITIAL: trained(known.field, world.reward, seed)}
-        goal = objective(alone(world, first[INITIAL]).accuracy + tightness)
-        world = replace(world, objective=goal)
-        first |= planted(world, seed)
-        worst.append(alone(world, first[HARMFUL]).smooth - alone(world, first[INITIAL]).smooth)
-        ranks.append(correlation(world, first, seed))
-        for arm, learning in arms().items():
-            outcomes, weights = campaign(world, first, learning, arguments.missions, seed)
-            losses[arm].append(float(np.mean([each.smooth for each in outcomes[1:]])))
-            given = [[own.get(HARMFUL, 0.0) for own in each.values()] for each in weights[1:]]
-            harm[arm].append(float(np.mean(given)))
-    rank = np.round(np.mean(ranks, axis=0), 2)
-    print(f"rank correlation of replays with the smooth loss {rank[0]}, with the loss {rank[1]}")
-    print(f"the harmful model flown alone: loss {np.mean(worst):+.4f}")
-    for arm, values in losses.items():
-        gain = _mean(np.array(values) - np.array(losses["first model alone"]))
-        print(f"{arm:18} loss {np.mean(values):.4f}, {gain} of first; weight of harmful {np.mean(harm[arm]):.3f}")
-    difference = np.array(losses["EI, 16 replays"]) - np.array(losses["EI, no replays"])
-    print(f"replays - none: {_mean(difference)}, better for {np.mean(difference < 0):.0%} of the seeds")
-
-
-def _mean(values: NDArray[np.float64]) -> str:
-    """Mean and its standard error."""
-    return f"{values.mean():+.4f} +- {values.std(ddof=1) / np.sqrt(len(values)):.4f}"
+    for field in arguments.fields:
+        for tightness in TIGHTNESS:
+            report(measure(field, tightness, arguments.seeds, arguments.missions))
 
 
 if __name__ == "__main__":

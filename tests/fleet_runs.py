@@ -11,11 +11,14 @@ import yaml
 
 from fleet.cli import inputs
 from fleet.contexts.files import write_cube
+from fleet.storage.layout import FleetPaths
 from fleet.storage.local import LocalStorage
+from fleet.storage.port import Storage
 from fleet_operator.compiler.settings import Settings
 from fleet_operator.local.application import Application, with_changes
 from fleet_operator.local.display import Gauge
 from fleet_operator.local.events import Event
+from fleet_operator.local.service import Summary, run_fleet
 from fleet_operator.local.sources import read_bundle
 from tests.context_builders import plot
 
@@ -72,6 +75,18 @@ def application(folder: Path, missions: int | None = None, seed: int | None = No
 def set_faults(run: Application, faults: Mapping[str, Mapping[str, float]]) -> None:
     """Have stand-ins go wrong; see `stand_in_roles`."""
     run.storage.write(f"{run.paths.root}/faults.json", json.dumps(faults).encode())
+
+
+def no_report(storage: Storage, paths: FleetPaths, out: Path) -> Path:
+    """Drawing takes seconds, and is tested where it is written."""
+    page = out / "report.html"
+    page.write_text(f"{storage.uri} {paths.root}")
+    return page
+
+
+def fly(run: Application, display: Recorder | None = None, fresh: bool = False) -> Summary:
+    """Run an application with stand-ins."""
+    return run_fleet(run, display or Recorder(), fresh, SETTINGS, no_report)
 
 
 class Recorder:

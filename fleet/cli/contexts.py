@@ -109,7 +109,7 @@ def show(
     """
     from fleet.contexts.check import statistics_of
     from fleet.contexts.load import load_cube
-    from fleet.report import plots
+    from fleet.report import figures, plots
     from fleet.storage.local import LocalStorage
 
     cube = load_cube(LocalStorage(folder))
@@ -119,7 +119,7 @@ def show(
         raise ContextError(f"{folder}: the context has no features to draw")
     values = cube.values(quantity)
     unit = {one.name: one.unit for one in cube.manifest.features}[quantity]
-    scale = plots.value_scale(f"{quantity} ({unit})" if unit else quantity, [values])
+    scale = figures.value_scale(f"{quantity} ({unit})" if unit else quantity, [values])
     file = picture or Path(f"{cube.manifest.name}.png")
     file.write_bytes(plots.value_map(cube.environment.grid, values, scale))
     statistics = statistics_of(cube)

@@ -14,12 +14,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from fleet.contexts.base import Observation
 from fleet.functions.compose import Feature, extractor
 from fleet.functions.contract import SSV
-from fleet.functions.vision import Picture, laplacian_variance, picture_of
+from fleet.functions.vision import laplacian_variance, picture_of
 
 EXTINCTION = 0.5
 """Share of light that a leaf layer takes at nadir when leaves point everywhere alike (spherical distribution)."""
@@ -43,7 +41,7 @@ def canopy_cover(observation: Observation) -> SSV:
     The threshold is fixed: Otsu's would split bare soil and closed canopy in two as well.
     Source: Meyer and Camargo Neto 2008, Computers and Electronics in Agriculture 63(2).
     """
-    return {"cover": cover_of(picture_of(observation))}
+    return {"cover": picture_of(observation).cover}
 
 
 @extractor(Feature("lai", "m2/m2", 0.0, MAX_LAI))
@@ -53,7 +51,7 @@ def leaf_area_index(observation: Observation) -> SSV:
     Source: Beer-Lambert law of canopies, Monsi and Saeki 1953; k of a spherical leaf angle distribution seen from
     above, Campbell and Norman 1998, section 15.
     """
-    gap = 1.0 - cover_of(picture_of(observation))
+    gap = 1.0 - picture_of(observation).cover
     if gap <= math.exp(-EXTINCTION * MAX_LAI):
         return {"lai": MAX_LAI}
     return {"lai": max(0.0, -math.log(gap) / EXTINCTION)}
@@ -73,8 +71,3 @@ def blur(observation: Observation) -> SSV:
     Source: Pech-Pacheco et al. 2000, ICPR, "Diatom autofocusing in brightfield microscopy".
     """
     return {"blur": laplacian_variance(picture_of(observation).grey)}
-
-
-def cover_of(picture: Picture) -> float:
-    """Share of the pixels that are plant, 0..1."""
-    return float(np.count_nonzero(picture.plants)) / picture.plants.size

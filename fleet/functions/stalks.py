@@ -39,14 +39,13 @@ def plant_count(observation: Observation) -> SSV:
     Source: rows by the projection of the vegetation mask as in Gee et al. 2008, Computers and Electronics in
     Agriculture 60(1); plants as peaks along a row as in Shrestha and Steward 2003, Transactions of the ASAE 46(2).
     """
-    picture = picture_of(observation)
-    if not picture.plants.any():
-        return {"plants": 0.0}
-    signal = np.maximum(picture.plantness, np.float32(0))
-    down = _cuts(signal.shape[0])
-    across = _cuts(signal.shape[1])
-    tiles = [signal[top:bottom, left:right] for top, bottom in down for left, right in across]
-    return {"plants": float(sum(count_on_rows(tile) for tile in tiles))}
+    plantness = picture_of(observation).plantness
+    plants = 0
+    for top, bottom in _cuts(plantness.shape[0]):
+        for left, right in _cuts(plantness.shape[1]):
+            tile = np.maximum(plantness[top:bottom, left:right], 0)
+            plants += count_on_rows(tile.astype(np.float32)) if tile.any() else 0
+    return {"plants": float(plants)}
 
 
 def count_on_rows(signal: Signal) -> int:

@@ -17,9 +17,6 @@ from fleet.contexts.base import Observation
 # One process serves one agent; threads of OpenCV would take the cores of the other agents.
 cv2.setNumThreads(1)
 
-_PLANT = np.array([[-5.0, 15.0, -12.0]], dtype=np.float32)
-"""5 (ExG - ExR) = 15 G - 12 R - 5 B, in the order blue, green, red."""
-
 
 @dataclass(frozen=True, eq=False)
 class Picture:
@@ -53,19 +50,21 @@ class Picture:
         return np.asarray(cv2.cvtColor(self.bgr, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
 
     @cached_property
-    def plantness(self) -> NDArray[np.float32]:
-        """15 G - 12 R - 5 B, float32 [height, width]; positive on plants.
+    def plantness(self) -> NDArray[np.int16]:
+        """15 G - 12 R - 5 B, int16 [height, width]; positive on plants.
 
         It is 5 (ExG - ExR) with ExG = 2g - r - b and ExR = 1.4r - g, times the brightness of the pixel, which does
         not change the sign.
         Source: Meyer and Camargo Neto 2008, Computers and Electronics in Agriculture 63(2).
         """
-        return np.asarray(cv2.transform(self.bgr.astype(np.float32), _PLANT), dtype=np.float32)
+        blue, green, red = (cv2.extractChannel(self.bgr, channel) for channel in range(3))
+        plants = cv2.addWeighted(green, 15.0, red, -12.0, 0.0, dtype=cv2.CV_16S)
+        return np.asarray(cv2.addWeighted(plants, 1.0, blue, -5.0, 0.0, dst=plants, dtype=cv2.CV_16S), dtype=np.int16)
 
     @cached_property
-    def plants(self) -> NDArray[np.bool_]:
-        """Which pixels are plant: ExG - ExR > 0; bool [height, width]."""
-        return np.asarray(self.plantness > 0)
+    def cover(self) -> float:
+        """Share of the pixels that are plant, ExG - ExR > 0; 0..1."""
+        return float(np.count_nonzero(self.plantness > 0)) / self.plantness.size
 
 
 def picture_of(observation: Observation) -> Picture:
@@ -112,11 +111,6 @@ def laplacian_variance(grey: NDArray[np.uint8]) -> float:
     """Variance of the 3x3 Laplacian of a grey picture, uint8 [height, width]."""
     _, deviation = cv2.meanStdDev(cv2.Laplacian(grey, cv2.CV_16S))
     return float(deviation[0, 0] ** 2)
-
-
-def smooth(values: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
-    """Gaussian blur of float32 [height, width] with a standard deviation in pixels."""
-    return np.asarray(cv2.GaussianBlur(values, (0, 0), sigma), dtype=np.float32)
 
 
 def shrink(values: NDArray[np.float32], height: int, width: int) -> NDArray[np.float32]:

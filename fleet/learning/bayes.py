@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import math
 import warnings
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -134,12 +136,15 @@ class Optimiser:
     def _improving(self, skopt: Any, space: Any, pending: list[list[float]], count: int) -> list[list[float]]:
         """Points of the greatest expected improvement; those still open count as the least loss that is known.
 
-        The process is fitted to what was told; the points of one batch share its kernel.
+        The process is fitted to the ranks of what was told, as normal scores: the losses of missed goals lie far
+        above all others, and a smooth process would see nothing but that step. The points of one batch share its
+        kernel.
         """
         free = [index for index, dimension in enumerate(self.dimensions) if not dimension.fixed]
         points: list[list[float]] = [[point[index] for index in free] for point in self.points] + pending
-        lie = min(self.losses, default=0.0)
-        losses = self.losses + [lie] * len(pending)
+        losses = normal_scores(self.losses)
+        lie = min(losses, default=0.0)
+        losses += [lie] * len(pending)
         if len(points) < 2:
             return list(space.rvs(count, random_state=named_seed(self._seed, "random")))
         process: Any = "GP"
@@ -172,6 +177,17 @@ class Optimiser:
         dimension = self.dimensions[index]
         inside = min(max(float(value), dimension.low), dimension.high)
         return round(inside) if dimension.integer else inside
+
+
+def normal_scores(losses: Sequence[float]) -> list[float]:
+    """Quantiles of the normal distribution that lie as the losses do; equal losses have equal scores.
+
+    Source: Salinas, Shen, Perrone: A quantile-based approach for hyperparameter transfer learning, 2020.
+    """
+    order = sorted(losses)
+    count = len(order)
+    middle = {loss: (bisect_left(order, loss) + bisect_right(order, loss)) / 2.0 for loss in order}
+    return [NormalDist().inv_cdf(middle[loss] / count) for loss in losses]
 
 
 def expected_improvement(

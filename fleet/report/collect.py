@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from fleet.contexts.base import Environment
+from fleet.contexts.base import Context, Environment
+from fleet.contexts.cube import AutonomyCube
 from fleet.contexts.load import load_context
 from fleet.errors import ContextError, ObjectNotFound
 from fleet.learning.reward import RewardModel
@@ -71,6 +72,7 @@ class MissionRun:
         number: 1 for the first.
         context: Name of the context that was flown over; "" when unknown.
         environment: Grid and truth of that context; None when it cannot be read.
+        rendered: Whether pictures of the context are drawn from its features and were not taken.
         agents: In the order of the FleetSpec.
         evaluation: None until the mission is over.
         artefacts: Grids of Eval(), float64 [rows, columns], by name.
@@ -79,6 +81,7 @@ class MissionRun:
     number: int
     context: str = ""
     environment: Environment | None = None
+    rendered: bool = False
     agents: tuple[AgentRun, ...] = ()
     evaluation: MissionEvaluation | None = None
     artefacts: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
@@ -169,11 +172,13 @@ def _mission(reader: _Reader, paths: FleetPaths, number: int, order: list[str]) 
     agents = tuple(run for run in runs if run.records or run.landing)
     if not agents and evaluation is None:
         return None
-    context = plan.context if plan else evaluation.context if evaluation else ""
+    name = plan.context if plan else evaluation.context if evaluation else ""
+    context = reader.context(paths, name) if name else None
     return MissionRun(
         number=number,
-        context=context,
-        environment=reader.environment(paths, context) if context else None,
+        context=name,
+        environment=context.environment if context else None,
+        rendered=isinstance(context, AutonomyCube) and context.renders,
         agents=agents,
         evaluation=evaluation,
         artefacts=reader.document(paths.artefacts(number), _grids) or {},
@@ -221,7 +226,7 @@ class _Reader:
     def __init__(self, storage: Storage) -> None:
         self.storage = storage
         self.notes: list[str] = []
-        self._environments: dict[str, Environment | None] = {}
+        self._contexts: dict[str, Context | None] = {}
 
     def document(self, path: str, parse: Callable[[bytes], Read]) -> Read | None:
         try:
@@ -232,16 +237,16 @@ class _Reader:
             self.notes.append(f"{path} cannot be read: {_first_line(error)}")
             return None
 
-    def environment(self, paths: FleetPaths, context: str) -> Environment | None:
-        if context not in self._environments:
-            self._environments[context] = self._load(paths, context)
-        return self._environments[context]
+    def context(self, paths: FleetPaths, name: str) -> Context | None:
+        if name not in self._contexts:
+            self._contexts[name] = self._load(paths, name)
+        return self._contexts[name]
 
-    def _load(self, paths: FleetPaths, context: str) -> Environment | None:
+    def _load(self, paths: FleetPaths, name: str) -> Context | None:
         try:
-            return load_context(self.storage, paths.context(context)).environment
+            return load_context(self.storage, paths.context(name))
         except (ObjectNotFound, ContextError) as error:
-            self.notes.append(f"the context {context} cannot be read: {_first_line(error)}")
+            self.notes.append(f"the context {name} cannot be read: {_first_line(error)}")
             return None
 
 

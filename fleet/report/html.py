@@ -36,6 +36,7 @@ class MissionSection:
 
     number: int
     title: str
+    rendered: bool
     goals: tuple[tuple[bool, str], ...]
     agents: Table
     failures: Mapping[str, str]
@@ -146,6 +147,7 @@ def _section(mission: MissionRun, run: RunData, pictures: Sequence[Picture]) -> 
     return MissionSection(
         number=mission.number,
         title=f"Mission {mission.number}" + (f" over {mission.context}" if mission.context else ""),
+        rendered=mission.rendered,
         goals=tuple((result.met, _goal_text(result)) for result in results),
         agents=_agents_table(mission),
         failures=mission.failures,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleet.contexts.grid import Grid
-from fleet.report import measures, plots
+from fleet.report import figures, measures, plots
 from fleet.report.collect import MissionRun, RunData
 from fleet.report.tables import CLASS, PREDICTED, grid_or_nan, map_shape
 from fleet.spec.swarm import Goal
@@ -62,7 +62,7 @@ class _Maps:
     def all(
         self, truth: NDArray[np.float64], predicted: NDArray[np.float64], classes: NDArray[np.float64]
     ) -> Iterable[Picture]:
-        scale = plots.value_scale(self.quantity, [truth, predicted])
+        scale = figures.value_scale(self.quantity, [truth, predicted])
         if _any(truth):
             yield self._picture("truth", f"True {self.quantity}.", plots.value_map(self.grid, truth, scale))
         yield self._picture(
@@ -78,12 +78,12 @@ class _Maps:
             )
         error = predicted - truth
         if _any(error):
-            scale = plots.error_scale(f"predicted - true {self.quantity}", error)
+            scale = figures.error_scale(f"predicted - true {self.quantity}", error)
             mean = float(np.mean(np.abs(error[np.isfinite(error)])))
             caption = f"Error of the prediction; its mean size is {mean:.3g}."
             yield self._picture("error", caption, plots.value_map(self.grid, error, scale))
         if _any(classes):
-            scale = plots.class_scale("class", [classes])
+            scale = figures.class_scale("class", [classes])
             yield self._picture("classes", "Predicted classes.", plots.value_map(self.grid, classes, scale))
 
     def _picture(self, name: str, caption: str, png: bytes) -> Picture:
@@ -135,7 +135,7 @@ def trials_picture(run: RunData) -> Picture | None:
     points = [(trial.mean(cost) * x_factor, trial.mean(goal.metric) * y_factor) for trial in run.trials]
     if not np.isfinite(points).all(axis=-1).any():
         return None
-    cloud = plots.Cloud(
+    cloud = figures.Cloud(
         x_label=_with_unit(measures.label(cost), x_unit),
         y_label=_with_unit(measures.label(goal.metric), y_unit),
         x=[x for x, _ in points],
@@ -170,11 +170,11 @@ def reward_picture(run: RunData) -> Picture | None:
     return Picture("reward.png", "Weight of each feature in the reward.", png)
 
 
-def _series(metric: str, points: Sequence[tuple[int, float]], goals: Sequence[Goal]) -> plots.Series:
+def _series(metric: str, points: Sequence[tuple[int, float]], goals: Sequence[Goal]) -> figures.Series:
     factor, unit = measures.scaled(metric)
     low = [goal.at_least * factor for goal in goals if goal.metric == metric and goal.at_least is not None]
     high = [goal.at_most * factor for goal in goals if goal.metric == metric and goal.at_most is not None]
-    return plots.Series(
+    return figures.Series(
         label=_with_unit(measures.label(metric), unit),
         missions=[number for number, _ in points],
         values=[value * factor for _, value in points],
@@ -183,9 +183,9 @@ def _series(metric: str, points: Sequence[tuple[int, float]], goals: Sequence[Go
     )
 
 
-def _tracks(mission: MissionRun) -> list[plots.Track]:
+def _tracks(mission: MissionRun) -> list[figures.Track]:
     return [
-        plots.Track(run.agent, [record.row for record in run.records], [record.column for record in run.records])
+        figures.Track(run.agent, [record.row for record in run.records], [record.column for record in run.records])
         for run in mission.agents
         if run.records
     ]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import matplotlib as mpl
@@ -22,8 +21,9 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from fleet.contexts.grid import Grid
+from fleet.report.figures import VALUES, Cloud, Scale, Series, Track, spread
 
-VALUES, ERRORS, CLASSES, TRUTH_BELOW_PATHS = "viridis", "PuOr", "cividis", "Greys"
+TRUTH_BELOW_PATHS = "Greys"
 NO_DATA = "#e4e4e7"
 INK = "#27272a"
 AGENTS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#F0E442")
@@ -40,84 +40,6 @@ _LEGEND_LIMIT, _LEGEND_COLUMNS = 12, 4
 _MAP_WIDTH, _MAP_HEIGHT = 3.4, 4.6
 _LEFT, _RIGHT, _BELOW, _ABOVE, _LEGEND_ROW = 0.52, 0.95, 0.5, 0.24, 0.22
 """Inches: greatest size of a map, and room around it."""
-
-
-@dataclass(frozen=True)
-class Scale:
-    """How a map's numbers become colours.
-
-    Args:
-        label: What the numbers are, with their unit.
-        low, high: Numbers at the ends of the colours; what lies outside has the colour of the end.
-        colours: Name of a matplotlib colour map.
-        steps: Whether the numbers are whole and each has a colour of its own.
-    """
-
-    label: str
-    low: float
-    high: float
-    colours: str = VALUES
-    steps: bool = False
-
-
-@dataclass(frozen=True)
-class Track:
-    """The states that an agent visited, in order, in rows and columns of the context."""
-
-    agent: str
-    rows: Sequence[int]
-    columns: Sequence[int]
-
-
-@dataclass(frozen=True)
-class Series:
-    """One metric over missions, and the goals that speak of it."""
-
-    label: str
-    missions: Sequence[int]
-    values: Sequence[float]
-    at_least: float | None = None
-    at_most: float | None = None
-
-
-@dataclass(frozen=True)
-class Cloud:
-    """Parameter sets of reward shaping as points.
-
-    Args:
-        x_label, y_label: What the axes are, with their units.
-        x, y: Where each point is; NaN is left out.
-        met: Whether a point met every goal.
-        chosen: Index of the point that was chosen; None while there is none.
-        at_least: Goal of y.
-    """
-
-    x_label: str
-    y_label: str
-    x: Sequence[float]
-    y: Sequence[float]
-    met: Sequence[bool]
-    chosen: int | None = None
-    at_least: float | None = None
-
-
-def value_scale(label: str, grids: Sequence[NDArray[np.float64]]) -> Scale:
-    """One scale for several maps, from the 1st to the 99th percentile so that a few outliers do not hide the rest."""
-    low, high = _spread(grids, 1, 99)
-    return Scale(label, low, high)
-
-
-def error_scale(label: str, errors: NDArray[np.float64]) -> Scale:
-    """A scale with 0 in the middle."""
-    low, high = _spread([errors], 1, 99)
-    reach = max(abs(low), abs(high)) or 1.0
-    return Scale(label, -reach, reach, ERRORS)
-
-
-def class_scale(label: str, grids: Sequence[NDArray[np.float64]]) -> Scale:
-    """One colour a class, the same for several maps."""
-    low, high = _spread(grids, 0, 100)
-    return Scale(label, np.floor(low), np.ceil(high), CLASSES, steps=True)
 
 
 def value_map(grid: Grid, values: NDArray[np.float64], scale: Scale) -> bytes:
@@ -278,17 +200,9 @@ def _extend(values: NDArray[np.float64], scale: Scale) -> str:
 
 def _faint(values: NDArray[np.float64]) -> tuple[float, float]:
     """Limits that keep the greys light, so that the ways stay readable."""
-    low, high = _spread([values], 1, 99)
+    low, high = spread([values], 1, 99)
     span = (high - low) or 1.0
     return low - 0.15 * span, high + 1.5 * span
-
-
-def _spread(grids: Sequence[NDArray[np.float64]], lowest: float, highest: float) -> tuple[float, float]:
-    values = np.concatenate([grid[np.isfinite(grid)] for grid in grids]) if grids else np.empty(0)
-    if not values.size:
-        return 0.0, 1.0
-    low, high = np.percentile(values, [lowest, highest])
-    return float(low), float(high)
 
 
 def _draw_track(axes: Axes, track: Track, index: int) -> None:

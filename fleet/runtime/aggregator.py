@@ -50,6 +50,7 @@ def aggregate(settings: Settings) -> None:
         cpu_s=cpu_s,
         wall_s=time.monotonic() - started_s,
         energy_j=settings.energy.retraining_energy_j(cpu_s),
+        level=settings.level,
     )
     storage.write(paths.retraining(number, key), report.model_dump_json(by_alias=True, indent=1).encode())
     _log.info("subset %s learned from %d moves", key, transitions)

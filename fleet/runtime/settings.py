@@ -27,6 +27,7 @@ class Settings:
     mission: int = 0
     agent: str = ""
     subset: str = ""
+    level: int = 0
     task: str = ""
     sensor_url: str = ""
     map_url: str | None = None
@@ -64,6 +65,7 @@ class Settings:
             mission=number("FLEET_MISSION", 0),
             agent=text("FLEET_AGENT", ""),
             subset=text("FLEET_SUBSET", ""),
+            level=number("FLEET_LEVEL", 0),
             task=text("FLEET_TASK", ""),
             sensor_url=text("FLEET_SENSOR_URL", ""),
             map_url=environment.get("FLEET_MAP_URL") or None,

@@ -11,7 +11,7 @@ from fleet.learning.model import SAModel
 from fleet.learning.models import load_model
 from fleet.learning.practice import Grounds
 from fleet.learning.progress import Progress
-from fleet.learning.reward import RewardModel
+from fleet.learning.reward import Normaliser, RewardModel
 from fleet.learning.run import Run
 from fleet.learning.shaping import shape
 from fleet.learning.training import train
@@ -48,8 +48,10 @@ def prepare(settings: Settings) -> None:
     pretrained = read_pretrained(fleet.sa.pretrained) if fleet.sa.pretrained else None
     seed = fleet.missions.seed
     if not storage.exists(paths.reward):
+        known = [*bench.terrains(ContextUse.SHAPING), *bench.terrains(ContextUse.TRAINING)]
+        normaliser = Normaliser.over([terrain.ssv for terrain in known])
         run = Run(storage, paths.shaping, seed, settings.workers, pretrained, listener=_tell)
-        reward = shape(fleet, grounds_of(bench, ContextUse.SHAPING), run)
+        reward = shape(fleet, grounds_of(bench, ContextUse.SHAPING), run, normaliser)
         storage.write(paths.reward, reward.model_dump_json(by_alias=True, indent=1).encode())
     reward = RewardModel.model_validate_json(storage.read(paths.reward))
     if not storage.exists(paths.initial_model):

@@ -9,6 +9,8 @@ import json
 import re
 import signal
 import socket
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,7 +27,7 @@ from fleet.functions.http_server import function_app, run_server
 from fleet.functions.vision import encode
 from fleet.spec.functions import EvalSpec, MapSpec
 from tests.contract.function_contract import feature_space
-from tests.function_servers import EXAMPLE, serve_python
+from tests.function_servers import EXAMPLE, ROOT, serve_python, started
 
 FAULTS = """
 import os, time
@@ -329,6 +331,30 @@ def test_sigterm_ends_a_server_with_0_after_the_open_request(folder: Path) -> No
         assert post(server.port, b'{"state": 1}')[0] == 200
         server.process.send_signal(signal.SIGTERM)
         assert server.process.wait(10) == 0
+
+
+def test_a_function_that_holds_the_interpreter_is_ended_by_the_watchdog(folder: Path) -> None:
+    program = (
+        "import re; from fleet.functions.http_server import function_app, run_server; "
+        "held = function_app('Map', lambda observation: re.match('(a+)+$', 'a' * 60 + 'b'), 1.0); "
+        "run_server(held, '127.0.0.1', 0, watchdog_s=2.0)"
+    )
+    with started([sys.executable, "-c", program], {"PYTHONPATH": str(ROOT)}) as server:
+        connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=30)
+        connection.request("POST", "/map", b'{"state": 1}')
+        with pytest.raises(ConnectionError):
+            connection.getresponse()
+        connection.close()
+        assert server.process.wait(10) == 1
+
+
+def test_callers_load_neither_opencv_nor_httpx_nor_scipy() -> None:
+    program = (
+        "import sys, fleet.functions.clients; "
+        "print([name for name in ('cv2', 'httpx', 'scipy', 'starlette', 'uvicorn', 'numba') if name in sys.modules])"
+    )
+    found = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert found.stdout == "[]\n"
 
 
 def test_an_address_in_use_is_an_error() -> None:

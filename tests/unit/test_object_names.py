@@ -11,7 +11,9 @@ from fleet_operator.resources import names
 from fleet_operator.resources.roles import Role
 
 FLEET = st.from_regex(r"[a-z0-9]([-a-z0-9]{0,38}[a-z0-9])?", fullmatch=True)
-AWKWARD = st.sampled_from(["a", "a-m0001-sensor-b", "a-train", "a-m0001-weigh", "2018", "a-m0001-sensor", "b-m0001-sensor-c"])
+AWKWARD = st.sampled_from(
+    ["a", "a-m0001-sensor-b", "a-train", "a-m0001-weigh", "2018", "a-m0001-sensor", "b-m0001-sensor-c"]
+)
 PART = FLEET | AWKWARD
 MISSION = st.integers(1, 10_000)
 ROLES = st.sampled_from([Role.SENSOR, Role.WORKFLOW, Role.AGGREGATOR])

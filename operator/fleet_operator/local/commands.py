@@ -80,7 +80,7 @@ def run(  # noqa: PLR0913, PLR0917 - one parameter for each option of the comman
     Example: [bold]fleet run my-swarm/fleetspec.yaml --missions 2 --context field=data/other-field[/bold]
     """
     from fleet_operator.local.display import open_display
-    from fleet_operator.local.outcome import show, to_json
+    from fleet_operator.local.outcome import exit_code, show, to_json
     from fleet_operator.local.service import run_fleet
 
     application = _application(spec, missions, out, storage, seed, context or [])
@@ -93,7 +93,7 @@ def run(  # noqa: PLR0913, PLR0917 - one parameter for each option of the comman
         console.say_json(to_json(summary))
     else:
         show(summary)
-    raise typer.Exit(int(ExitCode.GOALS_MISSED if summary.missed else ExitCode.OK))
+    raise typer.Exit(int(exit_code(summary)))
 
 
 def _application(

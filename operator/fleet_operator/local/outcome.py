@@ -7,6 +7,7 @@ from typing import Any
 import typer
 
 from fleet.cli import console
+from fleet.errors import ExitCode
 from fleet.missions.documents import GoalResult, MissionEvaluation
 from fleet_operator.local.service import Summary
 
@@ -25,9 +26,16 @@ def show(summary: Summary) -> None:
     console.say()
     if len(summary.missions) < summary.asked:
         console.say(f"suspended after {len(summary.missions)} of {summary.asked} missions: spec.suspend is true")
-    console.say(f"report: {summary.report}")
+    console.say(f"report: {summary.report or 'could not be written'}")
     for result in summary.missed:
         typer.secho(f"GOAL MISSED: {miss(result)}", fg=typer.colors.RED, bold=True, err=True)
+
+
+def exit_code(summary: Summary) -> ExitCode:
+    """0 when the last mission met all goals and there is a report of it."""
+    if summary.missed:
+        return ExitCode.GOALS_MISSED
+    return ExitCode.OK if summary.report is not None else ExitCode.TRANSIENT
 
 
 def to_json(summary: Summary) -> dict[str, Any]:
@@ -39,7 +47,7 @@ def to_json(summary: Summary) -> dict[str, Any]:
             for mission in summary.missions
         ],
         "models": [{"key": each.key, "usefulness": each.usefulness, "level": each.level} for each in summary.models],
-        "report": str(summary.report),
+        "report": None if summary.report is None else str(summary.report),
         "run": summary.document.model_dump(by_alias=True, mode="json"),
     }
 

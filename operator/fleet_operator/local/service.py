@@ -13,6 +13,8 @@ from types import FrameType
 
 from fleet.errors import FleetError
 from fleet.missions.documents import GoalResult, MissionEvaluation
+from fleet.storage.layout import FleetPaths
+from fleet.storage.port import Storage
 from fleet_operator.compiler.settings import Ports, Settings
 from fleet_operator.compiler.target import Target
 from fleet_operator.local import ledger as ledgers
@@ -26,7 +28,6 @@ from fleet_operator.local.observe import Observer
 from fleet_operator.local.run import Run
 from fleet_operator.policy.shares import Capacity as SharedCapacity
 
-REPORT = "report.html"
 _FIRST_PORTS = (8080, 18080, 28080, 38080)
 
 
@@ -45,13 +46,14 @@ class Summary:
 
     Args:
         asked: Missions that the FleetSpec asks for; more than there are evaluations when it is suspended.
+        report: The page; None when it could not be written.
     """
 
     asked: int
     missions: tuple[MissionEvaluation, ...]
     models: tuple[ModelStanding, ...]
     document: RunDocument
-    report: Path
+    report: Path | None
 
     @property
     def missed(self) -> tuple[GoalResult, ...]:
@@ -59,14 +61,30 @@ class Summary:
         return tuple(goal for goal in self.missions[-1].goals if not goal.met) if self.missions else ()
 
 
+Reporter = Callable[[Storage, FleetPaths, Path], Path]
+"""Writes the report of a run into a folder; the page that was written."""
+
+
+def draw_report(storage: Storage, paths: FleetPaths, out: Path) -> Path:
+    """The report as `fleet report` writes it."""
+    from fleet.report.write import write_report  # noqa: PLC0415 - drawing is needed at the end only
+
+    return write_report(storage, paths, out)
+
+
 def run_fleet(
-    application: Application, display: Display, fresh: bool = False, settings: Settings | None = None
+    application: Application,
+    display: Display,
+    fresh: bool = False,
+    settings: Settings | None = None,
+    reporter: Reporter = draw_report,
 ) -> Summary:
     """Fly all missions of a fleet on this machine, from wherever an earlier start of the same run has got to.
 
     Args:
         fresh: Remove what an earlier run left.
         settings: What the installation decides; the ports are chosen here.
+        reporter: Writes the report when the run has come to an end, good or bad.
 
     Raises:
         OtherRun: the folder or the storage has the run of something else.
@@ -78,10 +96,14 @@ def run_fleet(
             ledgers.remove_run(application)
         ledgers.check_same(application, identity)
         with _own_functions(application.file.parent):
-            return _run(application, Ledger(application, identity), display, settings or Settings())
+            ledger = Ledger(application, identity)
+            return _run(application, ledger, display, settings or Settings(), reporter)
 
 
-def _run(application: Application, ledger: Ledger, display: Display, installed: Settings) -> Summary:
+def _run(
+    application: Application, ledger: Ledger, display: Display, installed: Settings, reporter: Reporter
+) -> Summary:
+    report: Path | None = None
     state, message = RunState.INTERRUPTED, ""
     try:
         with _signals_as_exits(), _machine(application.out, display) as (machine, ports):
@@ -96,9 +118,8 @@ def _run(application: Application, ledger: Ledger, display: Display, installed: 
     finally:
         display.close()
         if state is not RunState.INTERRUPTED:
-            _report(application, display)
+            report = _report(application, display, reporter)
         ledger.end(state, message)
-    report = application.out / REPORT
     return Summary(application.fleet.missions.count, tuple(evaluations), models, ledger.document, report)
 
 
@@ -153,14 +174,14 @@ def _standings(application: Application, capacity: Capacity) -> tuple[ModelStand
     return tuple(ModelStanding(key, value, levels.get(key)) for key, value in useful.items())
 
 
-def _report(application: Application, display: Display) -> None:
-    """Write the report; one that cannot be written does not hide what the run came to."""
-    from fleet.report.write import write_report  # noqa: PLC0415 - drawing is needed at the end only
-
+def _report(application: Application, display: Display, reporter: Reporter) -> Path | None:
+    """Write the report; None when it cannot be written, which is said, and does not hide what the run came to."""
+    display.phase("writing the report")
     try:
-        write_report(application.storage, application.paths, application.out)
-    except (FleetError, OSError) as error:
-        display.note(f"the report could not be written: {error}")
+        return reporter(application.storage, application.paths, application.out)
+    except Exception as error:  # noqa: BLE001 - missions that were flown must not be lost over a drawing
+        display.note(f"the report could not be written: {type(error).__name__}: {error}; `fleet report` tries again")
+        return None
 
 
 _ENDING = (signal.SIGTERM, signal.SIGHUP)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import shutil
 from pathlib import Path
 
@@ -84,8 +85,13 @@ class RunOfTwoMissions:
                 visited_threshold=3,
                 loss=1.25,
                 goals_met=False,
+                evaluations=48,
             ),
         )
+        goals = [{"accuracy": 0.5, "uav_energy_j": 30000.0}]
+        trials = [{"period": 0, "point": [0.75, 1.5, 3], "loss": 1.25, "goals_met": False, "goals": goals}] * 48
+        checkpoint = {"fingerprint": "of a problem", "state": {"trials": trials}}
+        self.storage.write(f"{PATHS.shaping}/trials.json", json.dumps(checkpoint).encode())
         for number in (1, 2):
             self.mission(number)
         return self
@@ -95,7 +101,9 @@ class RunOfTwoMissions:
         weights = {agent.name: dict.fromkeys(MODELS, share) for agent in SPEC.spec.agents.resolved}
         useful = dict.fromkeys(MODELS) if number == 1 else dict(zip(MODELS, (0.1, 0.2, 0.3, 0.4), strict=True))
         models = tuple(ModelReference(key=key, path=f"models/{key}.npz") for key in MODELS)
-        self.put(PATHS.plan(number), MissionOrder(number=number, context="field", seed=7, models=models, weights=weights))
+        self.put(
+            PATHS.plan(number), MissionOrder(number=number, context="field", seed=7, models=models, weights=weights)
+        )
         self.put(PATHS.weights(number), WeightsDocument(number=number, weights=weights, usefulness=useful))
         metrics = Metrics(tuple(self.agent(number, index) for index in range(2)))
         self.evaluate(number, metrics)
@@ -148,7 +156,11 @@ class RunOfTwoMissions:
         predicted = extrapolate(yield_map(fs), self.environment.grid, Extrapolation.NEIGHBOUR_MEAN).values
         numbers = evaluation_metrics(predicted, fs, metrics)
         evaluation = MissionEvaluation(
-            number=number, context="field", metrics=numbers, goals=judge(SPEC.spec.goals, numbers), agents=metrics.agents
+            number=number,
+            context="field",
+            metrics=numbers,
+            goals=judge(SPEC.spec.goals, numbers),
+            agents=metrics.agents,
         )
         buffer = io.BytesIO()
         grades = classes(predicted, class_mean(predicted, self.environment))

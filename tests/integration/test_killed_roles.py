@@ -1,0 +1,113 @@
+"""Every role may be killed at any moment: the mission ends as if nothing had happened."""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from fleet.errors import ObjectNotFound
+from fleet.missions.records import Record, read_log
+from fleet.storage.local import LocalStorage
+from tests.scouting import PATHS, finish, processes_of, start_run, words, write_swarm
+
+AGENTS = ("agent-1", "agent-2")
+IN_FLIGHT = (("fleet.runtime", "sensor"), ("fleet.runtime", "workflow"), ("serve", "map"), ("serve", "eval"))
+AFTERWARDS = (("fleet.runtime", "aggregator"), ("fleet.runtime", "trainer"))
+PATIENCE_S = 60.0
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a swarm and its finished run."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    file = write_swarm(folder / "swarm")
+    code = finish(start_run(file, folder / "out"), folder / "out")
+    assert code in {0, 1}, words(folder / "out")
+    return folder
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_mission_whose_roles_were_killed_ends_like_one_whose_were_not(
+    seed: int, undisturbed: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(undisturbed / "out", out)
+    storage = LocalStorage(out / "storage")
+    storage.delete(f"{PATHS.root}/missions")
+    chance = random.Random(seed)
+    run = start_run(undisturbed / "swarm/fleetspec.yaml", out)
+    acknowledged = _kill_in_flight(out, storage, chance)
+    for parts in AFTERWARDS:
+        _kill_one(out, parts, chance, longest_s=0.8)
+    assert finish(run, out) in {0, 1}, words(out)
+
+    expected = LocalStorage(undisturbed / "out/storage")
+    for agent in AGENTS:
+        log = _log(storage, agent)
+        assert log[: len(acknowledged[agent])] == acknowledged[agent]
+        assert log == _log(expected, agent)
+        assert _steps_written(storage, agent) == list(range(len(log)))
+    same = [PATHS.evaluation(1), PATHS.weights(2), *(PATHS.model(1, key) for key in ("1", "2", "1-2"))]
+    assert [storage.read(path) for path in same] == [expected.read(path) for path in same]
+
+
+def _kill_in_flight(out: Path, storage: LocalStorage, chance: random.Random) -> dict[str, tuple[Record, ...]]:
+    """Kill one process of each role at a random moment of the flight; what was acknowledged before the last kill."""
+    _wait_for(lambda: any(_log(storage, agent) for agent in AGENTS))
+    acknowledged: dict[str, tuple[Record, ...]] = dict.fromkeys(AGENTS, ())
+    for parts in chance.sample(IN_FLIGHT, len(IN_FLIGHT)):
+        time.sleep(chance.uniform(0.0, 1.0))
+        acknowledged = {agent: _log(storage, agent) for agent in AGENTS}
+        _kill(out, parts, chance)
+    return acknowledged
+
+
+def _kill_one(out: Path, parts: tuple[str, ...], chance: random.Random, longest_s: float) -> None:
+    """Wait until a role runs, and kill it some time later; it may have ended by then."""
+    _wait_for(lambda: bool(processes_of(out, *parts)))
+    time.sleep(chance.uniform(0.0, longest_s))
+    _kill(out, parts, chance)
+
+
+def _kill(out: Path, parts: tuple[str, ...], chance: random.Random) -> None:
+    pids = processes_of(out, *parts)
+    if pids:
+        try:
+            os.kill(chance.choice(pids), signal.SIGKILL)
+        except ProcessLookupError:
+            return
+
+
+def _wait_for(condition: object) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():  # type: ignore[operator]  # a callable without arguments
+        assert time.monotonic() < deadline, "what the test waits for did not happen"
+        time.sleep(0.02)
+
+
+def _log(storage: LocalStorage, agent: str) -> tuple[Record, ...]:
+    try:
+        return read_log(storage.read(PATHS.log(1, agent)))
+    except ObjectNotFound:
+        return ()
+
+
+def _steps_written(storage: LocalStorage, agent: str) -> list[int]:
+    """Steps of all whole lines of a log, in the order of writing."""
+    lines = storage.read(PATHS.log(1, agent)).splitlines()
+    return [records[0].step for line in lines if (records := _alone(line))]
+
+
+def _alone(line: bytes) -> tuple[Record, ...]:
+    import json
+
+    try:
+        return (Record(**json.loads(line)),)
+    except (ValueError, TypeError):
+        return ()
