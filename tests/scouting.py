@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -75,12 +76,19 @@ def write_swarm(folder: Path, **changes: Any) -> Path:
     return file
 
 
-def start_run(file: Path, out: Path, *options: str) -> subprocess.Popen[str]:
-    """`fleet run` as a user starts it; its words are in `out`/words.txt."""
+@contextmanager
+def running(file: Path, out: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
+    """`fleet run` as a user starts it, ended at the end of the block; its words are in `out`/words.txt."""
     out.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-m", "fleet.cli", "run", str(file), "--out", str(out), *options]
-    with (out / "words.txt").open("w") as words:
-        return subprocess.Popen(command, stdout=words, stderr=subprocess.STDOUT, text=True, start_new_session=True)
+    with (out / "words.txt").open("w") as said:
+        run = subprocess.Popen(command, stdout=said, stderr=subprocess.STDOUT, text=True, start_new_session=True)
+        try:
+            yield run
+        finally:
+            if run.poll() is None:
+                run.send_signal(signal.SIGINT)
+                run.wait(20)
 
 
 def finish(run: subprocess.Popen[str], out: Path, timeout_s: float = 240.0) -> int:
@@ -88,8 +96,6 @@ def finish(run: subprocess.Popen[str], out: Path, timeout_s: float = 240.0) -> i
     try:
         return run.wait(timeout_s)
     except subprocess.TimeoutExpired:
-        run.send_signal(signal.SIGINT)
-        run.wait(20)
         raise AssertionError(f"the run hung:\n{words(out)}") from None
 
 

@@ -14,8 +14,9 @@ from itertools import combinations
 
 from fleet.errors import CallSite, FunctionError, Problem, SpecError
 from fleet.functions.resolve import resolve
+from fleet.spec.base import POWERSET_LIMIT
 from fleet.spec.platform import AggregationKind
-from fleet.spec.resources import POWERSET_LIMIT, Fleet
+from fleet.spec.resources import Fleet
 
 LONGEST_KEY = 20
 """Keys are a part of object names, which are DNS labels."""

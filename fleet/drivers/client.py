@@ -41,6 +41,10 @@ class SensorClient:
         """Where the mission flies."""
         return decode_environment(self._call("GET", "/environment"))
 
+    def telemetry(self) -> Telemetry:
+        """Where the vehicle is."""
+        return Telemetry(**self._call("GET", "/telemetry"))
+
     def act(self, number: int, command: str) -> Telemetry:
         """Carry out a command; see `Driver.act`."""
         return Telemetry(**self._call("POST", "/act", {"number": number, "command": command}))

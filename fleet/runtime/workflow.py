@@ -91,7 +91,7 @@ class _Loop:
             record = self._pilot.visit(self._observe(), self._is_finished if checks else None)
             self._settings.storage.append(path, record.to_line())
             self._records.append(record)
-        self._say_last_command()
+        self._land()
 
     def _observe(self) -> NDArray[np.float64] | None:
         """Carry out the last decision, then sense and map the state that it led to, where that is wanted."""
@@ -113,13 +113,30 @@ class _Loop:
                 if not self._pilot.flight.wants_capture():
                     return None
                 return self._sensor.sense(executed=len(self._records) + 1)
-            except OutOfStep:  # the sensor role was started again: it is one command behind, where the log says
-                _log.info("the sensor was started again; saying command %d again", len(self._records))
+            except OutOfStep:  # the sensor role was started again, and took its place from an older log
+                self._catch_up()
         raise DriverError("the sensor does not get to where the log says that the vehicle is; see the sensor's log")
 
+    def _land(self) -> None:
+        try:
+            self._say_last_command()
+        except OutOfStep:
+            self._catch_up()
+            self._say_last_command()
+
+    def _catch_up(self) -> None:
+        """Say all commands again that the vehicle has not carried out."""
+        executed = self._sensor.telemetry().executed
+        _log.info("the sensor was started again; saying commands %d to %d again", executed, len(self._records))
+        for number in range(executed, len(self._records)):
+            self._sensor.act(number, self._command(number))
+
     def _say_last_command(self) -> None:
-        command = self._records[-1].action if self._records else str(Manoeuvre.TAKE_OFF)
-        self._sensor.act(len(self._records), command)
+        number = len(self._records)
+        self._sensor.act(number, self._command(number))
+
+    def _command(self, number: int) -> str:
+        return self._records[number - 1].action if number else str(Manoeuvre.TAKE_OFF)
 
     def _is_finished(self) -> bool:
         """Ask Eval() about this agent's part."""

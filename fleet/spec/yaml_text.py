@@ -75,6 +75,15 @@ _Writer.add_implicit_resolver("tag:yaml.org,2002:int", _INT, list("-+0123456789"
 _Writer.add_implicit_resolver("tag:yaml.org,2002:bool", re.compile(r"^[yYnN]$"), list("yYnN"))
 
 
+def _write_text(writer: yaml.SafeDumper, text: str) -> yaml.Node:
+    """Unicode's line breaks are escaped: PyYAML would write them as they are, and read them as spaces."""
+    style = '"' if re.search("[\x85\u2028\u2029\ufeff]", text) else None
+    return writer.represent_scalar("tag:yaml.org,2002:str", text, style=style)
+
+
+_Writer.add_representer(str, _write_text)
+
+
 def write_yaml(value: object) -> str:
     """A document as YAML: fields in their order, texts quoted where a reader could take them for something else."""
     text: str = yaml.dump(value, Dumper=_Writer, sort_keys=False, allow_unicode=True, width=120)

@@ -43,9 +43,13 @@ ENVIRONMENT = _environment()
 
 
 def refusals(schema: Schema, new: dict[str, Any], old: dict[str, Any] | None = None) -> list[str]:
-    """Why the server refuses a resource, or the change of `old` to it; nothing when it takes it."""
+    """Why the server refuses a resource, or the change of `old` to it; nothing when it takes it.
+
+    Rules are tried when every value is right by itself; the server tries some of them on broken values too.
+    """
     new = admitted(schema, new)
-    return _violations(schema, new, None if old is None else admitted(schema, old), "")
+    wrong = _violations(schema, new, "")
+    return wrong or _broken_rules(schema, new, None if old is None else admitted(schema, old), "")
 
 
 def admitted(schema: Schema, resource: dict[str, Any]) -> dict[str, Any]:
@@ -69,11 +73,11 @@ def _default(schema: Schema, value: Any) -> None:
             _default(schema.get("items", {}), item)
 
 
-def _violations(schema: Schema, value: Any, old: Any, path: str) -> list[str]:
+def _violations(schema: Schema, value: Any, path: str) -> list[str]:
     own = _own(schema, value)
+    wrong = [f"{path}: {text}" for text in own]
     if own and own[0].endswith("has the wrong type"):
-        return [f"{path}: {own[0]}"]
-    wrong = [f"{path}: {text}" for text in (*own, *_rules(schema, value, old))]
+        return wrong
     if isinstance(value, dict):
         parts = schema.get("properties", {})
         wrong += [f"{path}: {name} is required" for name in schema.get("required", ()) if name not in value]
@@ -82,11 +86,23 @@ def _violations(schema: Schema, value: Any, old: Any, path: str) -> list[str]:
             if part is None:
                 wrong += [] if path == ".metadata" else [f"{path}: unknown field {name}"]
                 continue
-            before = old.get(name) if isinstance(old, dict) else None
-            wrong += _violations(part, inner, before, f"{path}.{name}")
+            wrong += _violations(part, inner, f"{path}.{name}")
     elif isinstance(value, list):
         for index, item in enumerate(value):
-            wrong += _violations(schema["items"], item, None, f"{path}[{index}]")
+            wrong += _violations(schema["items"], item, f"{path}[{index}]")
+    return wrong
+
+
+def _broken_rules(schema: Schema, value: Any, old: Any, path: str) -> list[str]:
+    wrong = [f"{path}: {text}" for text in _rules(schema, value, old)]
+    if isinstance(value, dict):
+        for name, inner in value.items():
+            part = schema.get("properties", {}).get(name, schema.get("additionalProperties", {}))
+            before = old.get(name) if isinstance(old, dict) else None
+            wrong += _broken_rules(part, inner, before, f"{path}.{name}")
+    elif isinstance(value, list):
+        for index, item in enumerate(value):
+            wrong += _broken_rules(schema["items"], item, None, f"{path}[{index}]")
     return wrong
 
 
@@ -145,14 +161,13 @@ def _rules(schema: Schema, value: Any, old: Any) -> list[str]:
     """CEL rules that do not hold; one that cannot be evaluated does not hold either."""
     wrong = []
     for rule in schema.get("x-kubernetes-validations", ()):
-        activation = {"self": typed(schema, value)}
-        if "oldSelf" in rule["rule"]:
-            if old is None:
-                continue
-            activation["oldSelf"] = typed(schema, old)
+        changes = "oldSelf" in rule["rule"]
+        if changes and old is None:
+            continue
         try:
+            activation = {"self": typed(schema, value)} | ({"oldSelf": typed(schema, old)} if changes else {})
             holds = bool(program(rule["rule"]).evaluate(activation))
-        except CELEvalError:
+        except (CELEvalError, ValueError):
             holds = False
         if not holds:
             wrong.append(rule["message"])

@@ -62,7 +62,7 @@ def assert_mission_2_flew_with_the_models_of_mission_1(fleet: Application) -> No
         "initial": fleet.paths.initial_model,
         **{key: fleet.paths.model(1, key) for key in ("1", "2", "1-2")},
     }
-    assert order.weights["agent-1"] == dict.fromkeys(("initial", "1", "2", "1-2"), 0.25)
+    assert order.weights == {agent: {"initial": 1.0} for agent in ("agent-1", "agent-2")}
 
 
 def test_the_same_command_adds_missions_to_a_finished_run(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ import pytest
 from fleet.errors import ObjectNotFound
 from fleet.missions.records import Record, read_log
 from fleet.storage.local import LocalStorage
-from tests.scouting import PATHS, finish, processes_of, start_run, words, write_swarm
+from tests.scouting import PATHS, finish, processes_of, running, words, write_swarm
 
 AGENTS = ("agent-1", "agent-2")
 IN_FLIGHT = (("fleet.runtime", "sensor"), ("fleet.runtime", "workflow"), ("serve", "map"), ("serve", "eval"))
@@ -27,8 +27,8 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a swarm and its finished run."""
     folder = tmp_path_factory.mktemp("undisturbed")
     file = write_swarm(folder / "swarm")
-    code = finish(start_run(file, folder / "out"), folder / "out")
-    assert code in {0, 1}, words(folder / "out")
+    with running(file, folder / "out") as run:
+        assert finish(run, folder / "out") in {0, 1}, words(folder / "out")
     return folder
 
 
@@ -41,11 +41,11 @@ def test_a_mission_whose_roles_were_killed_ends_like_one_whose_were_not(
     storage = LocalStorage(out / "storage")
     storage.delete(f"{PATHS.root}/missions")
     chance = random.Random(seed)
-    run = start_run(undisturbed / "swarm/fleetspec.yaml", out)
-    acknowledged = _kill_in_flight(out, storage, chance)
-    for parts in AFTERWARDS:
-        _kill_one(out, parts, chance, longest_s=0.8)
-    assert finish(run, out) in {0, 1}, words(out)
+    with running(undisturbed / "swarm/fleetspec.yaml", out) as run:
+        acknowledged = _kill_in_flight(out, storage, chance)
+        for parts in AFTERWARDS:
+            _kill_one(out, parts, chance, longest_s=0.8)
+        assert finish(run, out) in {0, 1}, words(out)
 
     expected = LocalStorage(undisturbed / "out/storage")
     for agent in AGENTS:

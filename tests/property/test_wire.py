@@ -28,7 +28,8 @@ OBSERVATIONS = st.builds(
     st.floats(0, 1e9),
 )
 COUNTS = st.integers(0, 10**9)
-AGENTS = st.builds(AgentMetrics, NAMES, COUNTS, COUNTS, FINITE, FINITE, FINITE, COUNTS, COUNTS)
+SPENT = st.floats(0, 1e15)  # sums over agents stay finite
+AGENTS = st.builds(AgentMetrics, NAMES, COUNTS, COUNTS, SPENT, SPENT, SPENT, COUNTS, COUNTS)
 
 
 @st.composite

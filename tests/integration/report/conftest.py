@@ -37,6 +37,7 @@ from fleet.missions.layout import MOVES, Layout, plan_layout
 from fleet.missions.records import Record
 from fleet.randomness import uniform
 from fleet.report.collect import collect
+from fleet.report.write import write_report
 from fleet.runtime.odometer import Odometer
 from fleet.spec.base import Model
 from fleet.spec.resources import FleetSpec
@@ -186,6 +187,12 @@ def finished_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("finished")
     RunOfTwoMissions(LocalStorage(folder)).write()
     return folder
+
+
+@pytest.fixture(scope="session")
+def report(finished_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of that run's report, for tests that only read it."""
+    return write_report(LocalStorage(finished_run), PATHS, tmp_path_factory.mktemp("report")).parent
 
 
 @pytest.fixture

@@ -65,44 +65,39 @@ def files_in(folder: Path) -> set[str]:
     return {file.relative_to(folder).as_posix() for file in folder.rglob("*") if file.is_file()}
 
 
-def test_a_report_has_a_page_tables_and_pictures(storage: LocalStorage, paths: FleetPaths, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    assert write_report(storage, paths, out) == out / "report.html"
-    written = files_in(out)
+def test_a_report_has_a_page_tables_and_pictures(report: Path) -> None:
+    written = files_in(report)
     assert {name for name in written if name.startswith("missions/")} == {
         *PICTURES,
         "missions/0001/map.csv",
         "missions/0002/map.csv",
     }
     assert {"report.html", "trace.csv", "map.csv", "models.png", "reward.png", "shaping.png"} <= written
-    assert (out / "map.csv").read_bytes() == (out / "missions/0002/map.csv").read_bytes()
+    assert (report / "map.csv").read_bytes() == (report / "missions/0002/map.csv").read_bytes()
 
 
-def test_the_page_needs_nothing_from_outside_and_every_picture_decodes(
-    storage: LocalStorage, paths: FleetPaths, tmp_path: Path
-) -> None:
-    file = write_report(storage, paths, tmp_path / "out")
-    page = page_of(file)
+def test_the_page_needs_nothing_from_outside_and_every_picture_decodes(report: Path) -> None:
+    text = (report / "report.html").read_text("utf-8")
+    page = Page(text)
     assert page.addresses == []
     assert page.open == []
-    assert "url(" not in file.read_text("utf-8")
-    assert "@import" not in file.read_text("utf-8")
+    assert "url(" not in text
+    assert "@import" not in text
     assert all(page.alternatives)
-    pictures = sorted((tmp_path / "out").rglob("*.png"))
-    assert sorted(page.images) == sorted(file.read_bytes() for file in pictures)
+    assert sorted(page.images) == sorted(file.read_bytes() for file in report.rglob("*.png"))
     for png in page.images:
         Image.open(io.BytesIO(png)).verify()
 
 
-def test_writing_again_gives_the_same_bytes(storage: LocalStorage, paths: FleetPaths, tmp_path: Path) -> None:
-    write_report(storage, paths, tmp_path / "one")
-    write_report(storage, paths, tmp_path / "two")
-    for name in files_in(tmp_path / "one"):
-        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+def test_writing_again_gives_the_same_bytes(
+    report: Path, storage: LocalStorage, paths: FleetPaths, tmp_path: Path
+) -> None:
+    assert write_report(storage, paths, tmp_path / "again") == tmp_path / "again" / "report.html"
+    for name in files_in(report):
+        assert (tmp_path / "again" / name).read_bytes() == (report / name).read_bytes()
 
 
-def test_the_trace_says_what_the_logs_say(storage: LocalStorage, paths: FleetPaths, tmp_path: Path) -> None:
-    write_report(storage, paths, tmp_path)
+def test_the_trace_says_what_the_logs_say(report: Path, storage: LocalStorage, paths: FleetPaths) -> None:
     expected = [
         {
             "mission": str(number),
@@ -119,7 +114,7 @@ def test_the_trace_says_what_the_logs_say(storage: LocalStorage, paths: FleetPat
         for agent in ("agent-1", "agent-2")
         for record in read_log(storage.read(paths.log(number, agent)))
     ]
-    with (tmp_path / "trace.csv").open(newline="") as file:
+    with (report / "trace.csv").open(newline="") as file:
         found = [{**row, "t_s": float(row["t_s"]), "energy_j": float(row["energy_j"])} for row in csv.DictReader(file)]
     assert found == expected
 
@@ -134,8 +129,8 @@ def test_energy_in_the_trace_grows_and_only_landing_is_missing_from_it(
         assert 0 < run.landing.metrics.uav_energy_j - energies[-1] < 2000
 
 
-def test_the_page_shows_what_a_reader_looks_for(storage: LocalStorage, paths: FleetPaths, tmp_path: Path) -> None:
-    text = page_of(write_report(storage, paths, tmp_path)).text
+def test_the_page_shows_what_a_reader_looks_for(report: Path) -> None:
+    text = page_of(report / "report.html").text
     for wanted in (
         "2 of 3 missions flown to the end. The last one met 1 of 2 goals.",
         "None of 48 parameter sets met all goals",
@@ -273,11 +268,10 @@ def test_levels_and_usefulness_are_those_of_the_documents(storage: LocalStorage,
     ]
 
 
-def test_what_eval_predicted_is_in_the_map_as_it_was(storage: LocalStorage, paths: FleetPaths, tmp_path: Path) -> None:
-    write_report(storage, paths, tmp_path)
+def test_what_eval_predicted_is_in_the_map_as_it_was(report: Path, storage: LocalStorage, paths: FleetPaths) -> None:
     with np.load(io.BytesIO(storage.read(paths.artefacts(1)))) as artefacts:
         predicted, classes = artefacts["predicted"], artefacts["class"]
-    with (tmp_path / "missions/0001/map.csv").open(newline="") as file:
+    with (report / "missions/0001/map.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [float(row["predicted"]) for row in rows] == predicted.reshape(-1).tolist()
     assert [float(row["class"]) for row in rows] == classes.reshape(-1).tolist()
