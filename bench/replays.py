@@ -8,7 +8,23 @@ random models the one that loses most when it is flown alone). Weights are propo
 all (uniform; first model alone). The same seeds go through all four, so differences are paired. The goal is what the
 first model reaches minus 0.10 (slack: only energy counts) or plus 0.01 (tight: accuracy counts).
 
-@@RESULTS@@
+Measured (8 seeds, 5 missions, mean loss of missions 2 to 5; difference to the first model alone, and paired difference
+of replays to none, with standard errors). About 0.5 is a met goal, above 1 a missed one:
+
+    field, goal        rank   EI, no replays     EI, 16 replays     replays - none     better
+    synthetic  -0.10   0.81   -0.000 +- 0.000    -0.001 +- 0.001    -0.001 +- 0.001    75 %
+    synthetic  +0.01   0.20   +0.000 +- 0.001    -0.002 +- 0.002    -0.002 +- 0.002    75 %
+    2018-06-01 -0.10   0.77   +0.028 +- 0.033    -0.010 +- 0.015    -0.038 +- 0.025    50 %
+    2018-06-01 +0.01   0.65   -0.009 +- 0.009    -0.082 +- 0.024    -0.073 +- 0.020    88 %
+    2018-08-02 -0.10   0.72   +0.024 +- 0.015    -0.008 +- 0.002    -0.032 +- 0.015    88 %
+    2018-08-02 +0.01   0.82   +0.005 +- 0.004    -0.011 +- 0.005    -0.016 +- 0.007    75 %
+    2018-09-16 -0.10   0.96   +0.000 +- 0.001    +0.000 +- 0.003    -0.000 +- 0.003    88 %
+    2018-09-16 +0.01   0.53   -0.001 +- 0.001    -0.005 +- 0.002    -0.004 +- 0.002    75 %
+
+So replays help or do no harm, and 16 of them are the default. Without them, expected improvement is no better than
+never changing the weights, and worse on two fields. Two things to know: gains are small where models hardly differ in
+what they make an agent do; and where accuracy depends on which states are seen rather than on how many (synthetic,
+tight goal: rank correlation 0.20), replays do not find the harmful model (mean weight 0.10; uniform weights 0.06).
 """
 
 from __future__ import annotations

@@ -19,7 +19,6 @@ from typing import Any
 from fleet.functions.contract import AgentMetrics
 from fleet.learning.reward import Normaliser, RewardModel
 from fleet.missions.documents import (
-    INITIAL,
     Landing,
     MissionEvaluation,
     MissionOrder,
@@ -50,7 +49,7 @@ def fault(settings: Settings, key: str) -> None:
     settings.storage.write(path, json.dumps(faults).encode())
     time.sleep(wanted.get("sleep", 0))
     if "code" in wanted:
-        print(f"{key} was told to fail")
+        sys.stdout.write(f"{key} was told to fail\n")
         sys.stdout.flush()
         os._exit(wanted["code"])
 
@@ -163,7 +162,6 @@ def main(arguments: list[str]) -> None:
             train(settings) if settings.task == "Train" else weigh(settings)
         case "aggregator":
             aggregate(settings)
-    assert INITIAL
 
 
 if __name__ == "__main__":

@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-
 from fleet_operator.local.addresses import Addresses
 from fleet_operator.local.events import ContainerDied, Event, JobFailed, JobSucceeded, PodStarted
 from fleet_operator.local.machine import Capacity, JobState, Machine
 from fleet_operator.local.workloads import UnsupportedManifest
+
 from tests.manifest_builders import SERVER, classes, container, job, service, sidecar
 
 ENDED = {JobState.SUCCEEDED, JobState.FAILED}
@@ -251,7 +251,10 @@ def test_config_maps_are_files_below_their_mount(bed: Bed) -> None:
         "apiVersion": "v1", "kind": "ConfigMap", "metadata": {"name": "sources"},
         "data": {"pkg.own.py": "value = 42\n"}, "binaryData": {"model.npz": "/wA="},
     }  # fmt: skip
-    script = "import json, os, pathlib; from pkg import own; print(json.dumps([own.value, len(pathlib.Path('model.npz').read_bytes())]))"
+    script = (
+        "import json, pathlib; from pkg import own\n"
+        "print(json.dumps([own.value, len(pathlib.Path('model.npz').read_bytes())]))"
+    )
     main = container("main", script, PYTHONPATH="/fleet/functions")
     main["workingDir"] = "/fleet/functions"
     main["volumeMounts"].append({"name": "functions", "mountPath": "/fleet/functions"})

@@ -5,9 +5,9 @@ from __future__ import annotations
 import base64
 
 import pytest
+from fleet_operator.compiler.bundle import Bundle
 
 from fleet.errors import SpecError
-from fleet_operator.compiler.bundle import Bundle
 
 
 def test_text_and_bytes_go_where_a_config_map_has_them() -> None:
@@ -41,7 +41,7 @@ def test_too_large_a_bundle_says_to_build_an_image() -> None:
 
 
 def test_names_that_a_config_map_cannot_have_are_refused() -> None:
-    with pytest.raises(SpecError, match="cannot carry a file called 'profil é.yaml'"):
+    with pytest.raises(SpecError, match=r"cannot carry a file called 'profil é\.yaml'"):
         Bundle({"profil é.yaml": b""})
     with pytest.raises(SpecError, match=r"a\.b\.yaml and a/b\.yaml have the same key"):
         Bundle({"a.b.yaml": b"", "a/b.yaml": b""})
