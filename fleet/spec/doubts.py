@@ -77,22 +77,19 @@ def _never_happens(fleet: Fleet) -> Iterator[Finding]:
         here = (*SPEC, "aggregation", "pruning", "after")
         message = f"no model is pruned: that takes {pruning.after} missions, and there are only {count}"
         yield Finding(here, message, f"write less than {count}, or plan more missions", (here, missions))
-    if fleet.reward_shaping.batch > fleet.reward_shaping.epochs:
+    batch, epochs = fleet.reward_shaping.batch, fleet.reward_shaping.epochs
+    if batch > epochs:
         here = (*SPEC, "rewardShaping", "batch")
-        message = (
-            f"{fleet.reward_shaping.batch} parameter sets side by side, and only {fleet.reward_shaping.epochs} epochs"
-        )
+        message = f"{batch} parameter sets are simulated side by side, and there are only {epochs} epochs"
         reads = (here, (*SPEC, "rewardShaping", "epochs"))
-        yield Finding(here, message, f"write at most {fleet.reward_shaping.epochs}, or more epochs", reads)
+        yield Finding(here, message, f"write at most {epochs}, or more epochs", reads)
 
 
 def _percent(fleet: Fleet) -> Iterator[Finding]:
     for index, goal in enumerate(fleet.goals):
         for name, bound in (("atLeast", goal.at_least), ("atMost", goal.at_most)):
             if goal.metric in SHARES and bound is not None and bound > 1:
-                message = (
-                    f"{goal.metric} is a share from 0 to 1 unless your Eval() says otherwise, and this is {bound:g}"
-                )
+                message = f"{goal.metric} is a share from 0 to 1 unless Eval() says otherwise, and this is {bound:g}"
                 hint = f"write {bound / 100:g} for {bound:g} %" if bound <= 100 else ""
                 yield Finding((*SPEC, "goals", index, name), message, hint)
 

@@ -97,8 +97,10 @@ CPU_RULE = "cpu is in cores, and no machine has more than 1000: write 500m or 2"
             given(aggregation={"resources": {"requests": {"cpu": 2}, "limits": {"cpu": "1500m"}}}),
             ["requests.cpu must not be more than limits.cpu"],
         ),
-        (given(aggregation={"resources": {"requests": {"memory": "1Gi"}, "limits": {"memory": "1G"}}}),
-            ["requests.memory must not be more than limits.memory"]),
+        (
+            given(aggregation={"resources": {"requests": {"memory": "1Gi"}, "limits": {"memory": "1G"}}}),
+            ["requests.memory must not be more than limits.memory"],
+        ),
         (given(aggregation={"resources": {"requests": {"memory": "1G"}, "limits": {"memory": "1Gi", "cpu": 1}}}), []),
         (given(workflow={"resources": {"limits": {"memory": 256}}}), [MEMORY_RULE]),
         (given(workflow={"resources": {"limits": {"cpu": "256Mi"}}}), [CPU_RULE]),
@@ -111,7 +113,7 @@ CPU_RULE = "cpu is in cores, and no machine has more than 1000: write 500m or 2"
             ["at least one weight must be more than 0: with all at 0, every state is worth the same"],
         ),
     ],
-)  # fmt: skip
+)
 def test_fleet_and_kubernetes_agree_on_fleet_specs(document: Document, rules: list[str]) -> None:
     refused = refusals(FLEETS, document)
     assert [text.partition(": ")[2] for text in refused] == rules

@@ -39,7 +39,9 @@ def test_a_mission_without_margin_meets_its_goals_exactly_when_judged_so(
 
 
 @given(objectives, st.data())
-def test_meeting_every_goal_everywhere_is_always_better_than_missing_one(objective: Objective, data: st.DataObject) -> None:
+def test_meeting_every_goal_everywhere_is_always_better_than_missing_one(
+    objective: Objective, data: st.DataObject
+) -> None:
     several = st.lists(evaluations, min_size=objective.contexts, max_size=objective.contexts)
     one, other = data.draw(several), data.draw(several)
 
@@ -64,9 +66,7 @@ def test_the_further_a_goal_is_missed_the_greater_is_the_loss(one: float, other:
 @given(st.floats(0.0, 1e9), st.floats(0.0, 1e9), st.floats(1.0, 1e9))
 def test_among_missions_that_meet_the_goals_the_cheaper_is_better(one: float, other: float, reference: float) -> None:
     objective = Objective((Goal(metric="accuracy", at_least=0.7),), "uav_energy_j")
-    losses = [
-        objective.loss({"accuracy": 0.9, "uav_energy_j": value}, reference) for value in sorted((one, other))
-    ]
+    losses = [objective.loss({"accuracy": 0.9, "uav_energy_j": value}, reference) for value in sorted((one, other))]
     assert losses[0] <= losses[1]
 
 

@@ -53,13 +53,19 @@ def test_nothing_is_missing_when_everything_is_there(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("function", "problem"),
     [
-        ("corps:map_observation", ("there is no module corps: corps.py is not beside the FleetSpec", "did you mean `crops`?")),
+        (
+            "corps:map_observation",
+            ("there is no module corps: corps.py is not beside the FleetSpec", "did you mean `crops`?"),
+        ),
         ("crops:map_observations", ("crops.py does not define map_observations", "did you mean `map_observation`?")),
-        ("crops:evaluate", ("evaluate in crops.py cannot be called with one argument", "it is called with the observation")),
+        (
+            "crops:evaluate",
+            ("evaluate in crops.py cannot be called with one argument", "it is called with the observation"),
+        ),
         ("crops:named", ("named in crops.py cannot be called with one argument", "it is called with the observation")),
         ("crops:later", ("later in crops.py is asynchronous, and is called as a plain function", "remove `async`")),
     ],
-)  # fmt: skip
+)
 def test_functions_that_cannot_be_called(folder: Path, function: str, problem: tuple[str, str]) -> None:
     assert files(folder, map={"function": function}) == [("spec.map.function", *problem)]
 
@@ -187,8 +193,12 @@ DOUBTFUL: list[tuple[dict[str, Any], str, str]] = [
         "scout and mapper take off from the same cell (row 1, column 2)",
     ),
     ({"map": {"image": "farm/map"}}, "spec.map.image", "farm/map may be another program tomorrow"),
-    ({"map": {"image": "host:5000/map:latest"}}, "spec.map.image", "host:5000/map:latest may be another program tomorrow"),
-]  # fmt: skip
+    (
+        {"map": {"image": "host:5000/map:latest"}},
+        "spec.map.image",
+        "host:5000/map:latest may be another program tomorrow",
+    ),
+]
 
 
 @pytest.mark.parametrize(("spec", "path", "message"), DOUBTFUL)

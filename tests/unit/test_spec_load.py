@@ -125,7 +125,7 @@ def test_anything_else_is_refused_in_words(document: Any) -> None:
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(SpecError, match="fleet.yaml cannot be read: no such file or directory") as caught:
+    with pytest.raises(SpecError, match=r"fleet\.yaml cannot be read: no such file or directory") as caught:
         load_fleet_spec(tmp_path / "fleet.yaml")
     assert (caught.value.source, caught.value.exit_code) == (str(tmp_path / "fleet.yaml"), ExitCode.USAGE)
 
@@ -157,13 +157,16 @@ def test_missions_and_edge_nodes() -> None:
     ("parts", "problem"),
     [
         ({"mac": "001a.2b3c.4d5e"}, ("spec.mac", "write 00:1a:2b:3c:4d:5e")),
-        ({"mac": "ff:ff:ff:ff:ff:ff"}, ("spec.mac", "write the address of the machine's network card, as `ip link` shows it")),
+        (
+            {"mac": "ff:ff:ff:ff:ff:ff"},
+            ("spec.mac", "write the address of the machine's network card, as `ip link` shows it"),
+        ),
         ({"broadcast": "192.168.1.300"}, ("spec.broadcast", "write 192.168.1.255")),
         ({"busyWatts": 1}, ("spec.busyWatts", "write at least 10")),
         ({"bootTime": "0s"}, ("spec.bootTime", "write the time that it takes, such as 60s")),
         ({"node": "Hub_1"}, ("spec.node", "write hub-1")),
     ],
-)  # fmt: skip
+)
 def test_broken_edge_nodes(parts: dict[str, Any], problem: tuple[str, str]) -> None:
     with pytest.raises(SpecError) as caught:
         parse_edge_node(edge_node_document(**parts))

@@ -21,7 +21,8 @@ Program = Callable[..., subprocess.CompletedProcess[str]]
 def test_init_makes_an_application_that_is_valid_and_whose_test_passes(invoke: Invoke, tmp_path: Path) -> None:
     made = invoke("init", tmp_path / "my-swarm")
     assert made.exit_code == 0
-    assert sorted(file.relative_to(tmp_path / "my-swarm").as_posix() for file in tmp_path.rglob("*") if file.is_file()) == [
+    files = [file.relative_to(tmp_path / "my-swarm") for file in tmp_path.rglob("*") if file.is_file()]
+    assert sorted(file.as_posix() for file in files) == [
         "README.md",
         "contexts/field/context.yaml",
         "contexts/field/features.parquet",
@@ -30,7 +31,7 @@ def test_init_makes_an_application_that_is_valid_and_whose_test_passes(invoke: I
         "fleetspec.yaml",
         "my_swarm.py",
         "test_my_swarm.py",
-    ]  # fmt: skip
+    ]
     valid = invoke("validate", tmp_path / "my-swarm/fleetspec.yaml", "--json")
     assert json.loads(valid.stdout) == {
         "source": str(tmp_path / "my-swarm/fleetspec.yaml"),

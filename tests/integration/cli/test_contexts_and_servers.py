@@ -16,6 +16,7 @@ from PIL import Image
 from typer.testing import Result
 
 from fleet.cli.scaffold.field import made_up_field
+from fleet.contexts.files import write_cube
 from fleet.contexts.load import load_cube
 from fleet.functions.vision import encode
 from fleet.storage.local import LocalStorage
@@ -97,8 +98,6 @@ def test_check_of_a_bad_context_lists_every_problem(invoke: Invoke, tmp_path: Pa
 
 
 def test_show_draws_a_map_and_tells_statistics(invoke: Invoke, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from fleet.contexts.files import write_cube
-
     write_cube(made_up_field("field", 1), LocalStorage(tmp_path / "field"))
     monkeypatch.chdir(tmp_path)
     shown = invoke("context", "show", tmp_path / "field")
@@ -115,8 +114,6 @@ def test_show_draws_a_map_and_tells_statistics(invoke: Invoke, tmp_path: Path, m
     ("option", "expected"), [(("--date", "1999"), "has nothing of 1999"), (("--feature", "lai"), "no feature 'lai'")]
 )
 def test_show_says_what_there_is(invoke: Invoke, tmp_path: Path, option: tuple[str, str], expected: str) -> None:
-    from fleet.contexts.files import write_cube
-
     write_cube(made_up_field("field", 1), LocalStorage(tmp_path / "field"))
     done = invoke("context", "show", tmp_path / "field", *option)
     assert done.exit_code == 2

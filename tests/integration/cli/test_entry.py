@@ -17,7 +17,7 @@ from fleet.cli import extensions
 Invoke = Callable[..., Result]
 Program = Callable[..., subprocess.CompletedProcess[str]]
 COMMANDS = ["init", "validate", "compile", "run", "report", "simulate", "shape", "train", "context", "serve", "version"]
-HEAVY = {"numpy", "matplotlib", "numba", "pyarrow", "cv2", "skopt", "pydantic", "scipy", "uvicorn", "httpx", "jinja2"}
+HEAVY = {"numpy", "matplotlib", "numba", "pyarrow", "cv2", "skopt", "scipy", "uvicorn", "httpx", "jinja2"}
 
 
 def test_help_lists_every_command_in_the_order_of_use(invoke: Invoke) -> None:
