@@ -146,7 +146,9 @@ def run() -> list[Result]:
     peers = (("plain reference", plain), ("PettingZoo stepping", stepped))
     where = f"{field.name}, {AGENTS} agents"
     results = [
-        Result.against(f"simulator, Q-function in the loop, {MISSIONS} missions ({where})", learned, UNIT, peer, COMMAND)
+        Result.against(
+            f"simulator, Q-function in the loop, {MISSIONS} missions ({where})", learned, UNIT, peer, COMMAND
+        )
         for peer in peers
     ]
     groups = MISSIONS // PER_POLICY

@@ -86,8 +86,11 @@ class CallSite:
 
     def __str__(self) -> str:
         parts = [self.function]
-        parts += [f"{name} {value}" for name, value in (
-            ("extractor", self.extractor), ("agent", self.agent), ("state", self.state)) if value]
+        parts += [
+            f"{name} {value}"
+            for name, value in (("extractor", self.extractor), ("agent", self.agent), ("state", self.state))
+            if value
+        ]
         return ", ".join(parts)
 
 

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -54,7 +55,7 @@ def import_(  # noqa: PLR0913, PLR0917 - the options of a command
     from fleet.contexts.importing import ImportOptions, import_file
     from fleet.storage.local import LocalStorage
 
-    _refuse_to_overwrite(folder)
+    _check_target(folder)
     options = ImportOptions(
         name=folder.absolute().name,
         date=date,
@@ -160,10 +161,17 @@ def _show_statistics(statistics: Statistics) -> None:
     console.table(("feature", "unit", "least", "mean", "greatest", "missing"), rows)
 
 
-def _refuse_to_overwrite(folder: Path) -> None:
+def _check_target(folder: Path) -> None:
+    from fleet.spec.base import NAME_PATTERN
+
+    problems, name = [], folder.absolute().name
+    if re.fullmatch(NAME_PATTERN, name) is None or len(name) > 40:
+        hint = "use at most 40 small letters, digits and `-`, such as june-2018"
+        problems.append(Problem("DIR", f"{name!r} is not a name for a context", hint))
     if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
-        hint = "nothing was changed; choose another folder"
-        raise SpecError([Problem("DIR", f"{folder} is there already", hint)], "the command line")
+        problems.append(Problem("DIR", f"{folder} is there already", "nothing was changed; choose another folder"))
+    if problems:
+        raise SpecError(problems, "the command line")
 
 
 def _pairs(texts: Sequence[str]) -> dict[str, str]:

@@ -123,7 +123,7 @@ class CubeManifest(Model):
         return "exg" if "exg" in self.feature_names else None
 
 
-class BrokenContext(ContextError):  # noqa: N818 - it names what was found, as KeyError's kin do
+class BrokenContext(ContextError):
     """A context, or what should become one, is not a good one; `problems` has everything that is wrong with it."""
 
     def __init__(self, where: str, problems: Sequence[Problem], verdict: str = "is not a good context") -> None:

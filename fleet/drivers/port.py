@@ -21,7 +21,7 @@ class Manoeuvre(StrEnum):
     LAND = "Land"
 
 
-class OutOfStep(DriverError):  # noqa: N818 - it names a state of the conversation, as KeyError's kin do
+class OutOfStep(DriverError):
     """The vehicle is not where the caller believes: commands are missing, or were already carried out."""
 
 

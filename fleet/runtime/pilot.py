@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from fleet.contexts.base import Environment
 from fleet.errors import MissionError
+from fleet.functions.contract import AgentMetrics
 from fleet.learning.blend import blend
 from fleet.learning.history import ThresholdHA
 from fleet.learning.model import SAModel
 from fleet.learning.models import load_model
 from fleet.learning.reward import RewardModel
-from fleet.functions.contract import AgentMetrics
 from fleet.missions.accounting import agent_metrics
 from fleet.missions.documents import ModelReference
 from fleet.missions.flight import LAND, Decision, Flight
@@ -117,9 +117,7 @@ class Pilot:
         scores: list[float] = blend(rows, self._weights)[0].tolist()
         return scores
 
-    def _record(
-        self, decision: Decision, ssv: NDArray[np.float64] | None, time_s: float, energy_j: float
-    ) -> Record:
+    def _record(self, decision: Decision, ssv: NDArray[np.float64] | None, time_s: float, energy_j: float) -> Record:
         row, column = self.flight.layout.grid.position(decision.cell)
         return Record(
             step=decision.step,

@@ -126,4 +126,3 @@ class Settings:
         if self.agent not in names:
             raise MissionError(f"FLEET_AGENT is {self.agent!r}; the fleet has {', '.join(names)}")
         return names.index(self.agent)
-

@@ -46,7 +46,7 @@ def weigh(settings: Settings) -> None:
         [agent.name for agent in settings.fleet.agents.resolved],
         settings.fleet.online_learning,
         named_seed(settings.fleet.missions.seed, f"weigh/{following}"),
-        flown[-1].replayer(models),
+        flown[-1].replayer(models) if settings.fleet.online_learning.replays else None,
     )
     document = WeightsDocument(
         number=following,
@@ -85,10 +85,12 @@ class _Flown:
             for agent, spent in self._efforts.items()
         ]
 
-    def replayer(self, models: Sequence[ModelReference]) -> Replayer:
-        """Replays the mission with the next mission's models."""
+    def replayer(self, models: Sequence[ModelReference]) -> Replayer | None:
+        """Replays the mission with the next mission's models; None when it captured nothing."""
         settings, agents = self._settings, list(self._efforts)
         logs = read_logs(settings.at_mission(self._order.number), agents)
+        if not any(record.captured for log in logs.values() for record in log):
+            return None
         return Replayer(
             layout=self._layout,
             agents=agents,

@@ -1,0 +1,1 @@
+"""Missions over contexts, fast: many at once, exact to the plain form."""

@@ -81,7 +81,7 @@ class Batch:
                 raise MissionError(f"batch: {name} has the shape {found}, but {shape} fits the layout and the missions")
         for name, tables in (("table", len(self.scores)), ("reward_of", len(self.rewards))):
             indices = getattr(self, name)
-            if indices.size and not (0 <= indices.min() and indices.max() < tables):
+            if indices.size and not (indices.min() >= 0 and indices.max() < tables):
                 raise MissionError(f"batch: {name} must be in 0..{tables - 1}")
 
 

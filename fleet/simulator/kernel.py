@@ -1,9 +1,12 @@
 """The compiled form of the simulator; the only module that imports numba.
 
-What makes it fast: a flight runs alone to its end, so its state stays in registers and the nearest cache; within a
-group SA's loop needs no question but the group's own (every move leads to a state that is captured); each row of
-scores is turned once into an order of preference, four bytes a cell, so that a choice is a few tests of bits without
-branches; what a flight has touched is cleared along its path.
+What makes it fast, by measurement:
+- A flight runs alone to its end: its state stays in registers and in the nearest cache.
+- Each row of scores is turned once into an order of preference, four bytes a cell.
+- Cells that are not captured are bits in words, one word a row of a group: legal moves, captures and the nearest cell
+  that is left are found by operations on words, mostly without branches.
+- Within a group SA's loop asks about that group alone; every move leads to a cell that is captured on arrival.
+- What a flight has touched is cleared along its path.
 """
 
 from __future__ import annotations
@@ -13,17 +16,25 @@ from typing import Any, NamedTuple, TypeVar, cast
 
 import numba
 import numpy as np
+from llvmlite import ir
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from fleet.randomness import GOLDEN_GAMMA, MIX_1, MIX_2
-from fleet.simulator.arrays import BatchArrays, FlownArrays, LayoutArrays, TraceArrays
+from fleet.simulator.arrays import WORD_BITS
 
 _F = TypeVar("_F", bound=Callable[..., Any])
-_GAMMA, _MIX_1, _MIX_2 = np.uint64(GOLDEN_GAMMA), np.uint64(MIX_1), np.uint64(MIX_2)
-_EXPLORE, _PICK = np.uint64(0), np.uint64(1)
-_FAR = np.int64(2**62)
-_SCAN_UP_TO = 16
-"""Cells of a group that is searched cell by cell at once."""
+_int: Any = np.int64  # Any: numba's integers are not numpy's to a type checker
+_word: Any = np.uint64
+_GAMMA, _MIX_1, _MIX_2 = _word(GOLDEN_GAMMA), _word(MIX_1), _word(MIX_2)
+_EXPLORE, _PICK = _word(0), _word(1)
+_ONE = _word(1)
+_FAR = _int(2**62)
+_LEGAL = [[move for move in range(8) if bits >> move & 1] for bits in range(256)]
+_COUNT = np.array([len(moves) for moves in _LEGAL], dtype=np.uint8)
+"""Number of legal moves."""
+_NTH = np.array([moves + [0] * (8 - len(moves)) for moves in _LEGAL], dtype=np.uint8)
+"""The n-th legal move."""
 
 
 def _program(function: _F) -> _F:
@@ -32,7 +43,7 @@ def _program(function: _F) -> _F:
     Arrays belong to the caller, so nothing here counts references to them (`_nrt`): a count is an atomic operation and
     costs more than a step.
     """
-    options = {"nogil": True, "_nrt": False}
+    options: dict[str, Any] = {"nogil": True, "_nrt": False}
     try:
         return cast(_F, numba.njit(cache=True, **options)(function))
     except RuntimeError:  # neither the package's folder nor the user's cache can be written: each process compiles
@@ -44,36 +55,30 @@ def _part(function: _F) -> _F:
     return cast(_F, numba.njit(inline="always")(function))
 
 
+def _instruction(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Make a generator of processor instructions callable from the kernel."""
+    return cast(Callable[..., Any], intrinsic(function))
+
+
 class Scratch(NamedTuple):
-    """What one flight remembers; clear between flights.
+    """What a flight remembers; clear between flights.
 
     Args:
-        todo: 1 in cells with data that are not captured, uint8 [cells].
+        free: Bits of the cells with data that are not captured, uint64 [words].
         visited: V of each group, int64 [groups].
         utility: U of each group, float64 [groups].
-        path: Captured cells in order, int32 [cells].
+        path: Captured cells in order, int32 [cells + 1].
     """
 
-    todo: NDArray[np.uint8]
+    free: NDArray[np.uint64]
     visited: NDArray[np.int64]
     utility: NDArray[np.float64]
     path: NDArray[np.int32]
 
 
-class _State(NamedTuple):
-    """Where a flight is; `target` is -1 when the agent is not travelling."""
-
-    cell: int
-    step: int
-    captures: int
-    decisions: int
-    target: int
-
-
 class _Flight(NamedTuple):
-    """What is fixed during one flight."""
+    """What is fixed during a flight; `room` is the length of its trace."""
 
-    mission: int
     agent: int
     t_u: float
     t_v: int
@@ -84,264 +89,299 @@ class _Flight(NamedTuple):
     order: NDArray[np.uint32]
     rewards: NDArray[np.float64]
     moves: NDArray[np.int64]
+    room: int
+    cells: NDArray[np.int32]
+    captured: NDArray[np.bool_]
+    legal: NDArray[np.uint8]
+    move: NDArray[np.int8]
+    left: NDArray[np.int64]
+
+
+class _State(NamedTuple):
+    """Where a flight is."""
+
+    cell: int
+    step: int
+    captures: int
+    decisions: int
+
+
+@_instruction
+def _trailing_zeros(_context: Any, value: Any) -> Any:
+    """Zeros below the lowest bit that is set, of a uint64; 64 for 0."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 0))
+
+    return value(value), generate
+
+
+@_instruction
+def _leading_zeros(_context: Any, value: Any) -> Any:
+    """Zeros above the highest bit that is set, of a uint64; 64 for 0."""
+
+    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+        return builder.ctlz(arguments[0], ir.Constant(ir.IntType(1), 0))
+
+    return value(value), generate
 
 
 @_part
 def _mix(value: Any) -> Any:
-    value = (value ^ (value >> np.uint64(30))) * _MIX_1
-    value = (value ^ (value >> np.uint64(27))) * _MIX_2
-    return value ^ (value >> np.uint64(31))
+    value = (value ^ (value >> _word(30))) * _MIX_1
+    value = (value ^ (value >> _word(27))) * _MIX_2
+    return value ^ (value >> _word(31))
 
 
 @_part
 def _absorb(state: Any, counter: Any) -> Any:
-    return _mix((state ^ np.uint64(counter)) + _GAMMA)
+    return _mix((state ^ _word(counter)) + _GAMMA)
 
 
 @_program
-def rank(scores: Any, members: Any, width: Any, orders: Any) -> Any:
+def rank(scores: Any, members: Any, moves: Any, orders: Any) -> Any:
     """Write each cell's moves from best to worst, three bits each, the first of equals first.
 
     Args:
         scores: float64 [P, cells, 8].
         members: Cells with data.
-        width: How many moves count.
+        moves: The moves that count.
         orders: Result, uint32 [P, cells].
 
     Returns:
-        Index of the first table with a NaN; -1 when there is none.
+        Index of a table with a NaN; -1 when there is none.
     """
+    broken = _int(-1)
     for table in range(len(scores)):
-        for member in members:
-            row = scores[table, member]
-            order = np.uint32(0)
-            for move in range(width):
-                score = row[move]
-                if score != score:
-                    return table
-                place = 0
-                for other in range(width):
-                    place += (row[other] > score) | ((row[other] == score) & (other < move))
-                order |= np.uint32(move) << np.uint32(3 * place)
-            orders[table, member] = order
-    return -1
+        for index in range(len(members)):
+            cell = _word(members[index])
+            order = _int(0)
+            for move in range(len(moves)):
+                score = scores[table, cell, move]
+                place = _int(0)
+                for other in range(len(moves)):
+                    if other < move:
+                        place += not score > scores[table, cell, other]
+                    elif other > move:
+                        place += scores[table, cell, other] > score
+                order |= move << (3 * place)
+                broken = table if np.isnan(score) else broken
+            orders[table, cell] = order
+    return broken
 
 
 @_part
-def _scan(layout: Any, todo: Any, cell: Any, group: Any) -> Any:
-    row, column = np.int64(layout.row[cell]), np.int64(layout.column[cell])
+def _nearest(layout: Any, free: Any, cell: Any, group: Any) -> Any:
+    """The nearest cell of the group that is left, the first of equals: of each row the nearest bit, left or right."""
+    aside = _int(layout.column[cell]) - layout.left[group]
+    bit = min(max(aside, 0), WORD_BITS - 1)
+    beyond = abs(aside - bit)
+    top = _int(layout.top[group])
+    below = top - layout.row[cell]
+    corner = top * layout.columns + layout.left[group] + bit
+    first = _int(layout.words[group])
     least = _FAR
-    for index in range(layout.offsets[group], layout.offsets[group + 1]):
-        other = np.int64(layout.members[index])
-        distance = abs(layout.row[other] - row) + abs(layout.column[other] - column)
-        least = min(least, (distance << 32) + other if todo[other] else _FAR)
+    for row in range(layout.words[group + 1] - first):
+        bits = free[_word(first + row)]
+        right = _int(_trailing_zeros(bits >> _word(bit)))
+        left = _int(_leading_zeros(bits << _word(WORD_BITS - 1 - bit)))
+        distance = abs(below + row) + beyond + min(left, right)
+        found = corner + row * layout.columns + (-left if left <= right else right)
+        least = min(least, (distance << 32) + found if bits != 0 else _FAR)
     return least & 0xFFFFFFFF
 
 
 @_part
-def _open(layout: Any, todo: Any, row: Any, column: Any, group: Any) -> Any:
-    if row < 0 or column < 0 or row >= layout.rows or column >= layout.columns:
-        return False
-    cell = row * layout.columns + column
-    return todo[cell] != 0 and layout.group_of[cell] == group
-
-
-@_program
-def _nearest(layout: Any, todo: Any, cell: Any, group: Any) -> Any:
-    """The nearest cell of the group that is left, the first of equals.
-
-    Looks around the cell in growing circles for as long as that can be cheaper than a look at the whole group.
-    """
-    row, column = np.int64(layout.row[cell]), np.int64(layout.column[cell])
-    size = layout.offsets[group + 1] - layout.offsets[group]
-    radius = 1 if size > _SCAN_UP_TO else size
-    while 2 * radius * radius < size:
-        for rows in range(-radius, radius + 1):
-            columns = radius - abs(rows)
-            if _open(layout, todo, row + rows, column - columns, group):
-                return (row + rows) * layout.columns + column - columns
-            if _open(layout, todo, row + rows, column + columns, group):
-                return (row + rows) * layout.columns + column + columns
-        radius += 1
-    return _scan(layout, todo, cell, group)
-
-
-@_part
-def _flight_to(layout: Any, flight: Any, scratch: Any, state: Any, trace: Any) -> Any:
-    """Travel to the target."""
-    todo, visited, utility, path = scratch
-    cell, step, captures, decisions, target = state
-    rows = np.int64(layout.row[target]) - layout.row[cell]
-    columns = np.int64(layout.column[target]) - layout.column[cell]
+def _travel(layout: Any, flight: Any, scratch: Any, state: Any, target: Any) -> Any:
+    """Go to a cell, along the longer way that is left."""
+    free, visited, utility, path = scratch
+    cell, step, captures, decisions = state
+    rows = _int(layout.row[target]) - layout.row[cell]
+    columns = _int(layout.column[target]) - layout.column[cell]
     down, across = layout.compass[0 if rows > 0 else 1], layout.compass[2 if columns > 0 else 3]
     rows, columns = abs(rows), abs(columns)
     while cell != target:
         vertical = rows >= columns
-        move = down if vertical else across
+        move = _word(down if vertical else across)
         rows -= vertical
         columns -= not vertical
-        if trace is not None:
-            trace.move[flight.mission, flight.agent, step] = move
+        if step < flight.room:
+            flight.move[step] = move
         flight.moves[move] += 1
         step += 1
-        cell += layout.deltas[move]
-        captured = todo[cell] != 0 and (layout.capture_in_transit or cell == target)
-        if captured:
-            group = layout.group_of[cell]
-            todo[cell] = 0
-            visited[group] += 1
-            utility[group] += flight.rewards[cell]
-            path[captures] = cell
-            captures += 1
-        if trace is not None:
-            trace.cell[flight.mission, flight.agent, step] = cell
-            trace.captured[flight.mission, flight.agent, step] = captured
-    return _State(cell, step, captures, decisions, np.int64(-1))
+        cell += layout.cell_steps[move]
+        here = _word(cell)
+        word, bit = _word(layout.word[here]), _word(layout.bit[here])
+        captured = _int(free[word] >> bit) & _int(layout.capture_in_transit or cell == target) & 1
+        group = _word(max(_int(layout.group_of[here]), 0))
+        free[word] ^= _word(captured) << bit
+        visited[group] += captured
+        utility[group] += flight.rewards[here] if captured else 0.0
+        path[_word(captures)] = cell
+        captures += captured
+        if step < flight.room:
+            flight.cells[step] = cell
+            flight.captured[step] = captured
+    return _State(cell, step, captures, decisions)
 
 
 @_part
-def _explore(flight: Any, step: Any, legal: Any, best: Any) -> Any:
+def _explored(flight: Any, step: Any, legal: Any, best: Any) -> Any:
+    """The best move, or now and then a random one."""
     here = _absorb(flight.stream, step)
     bits = _mix(_absorb(here, _EXPLORE) + _GAMMA)
-    if np.float64(bits >> np.uint64(11)) * 2.0**-53 < flight.exploration:
-        count = 0
-        for move in range(8):
-            count += (legal >> move) & 1
-        pick = np.int64(_mix(_absorb(here, _PICK) + _GAMMA) % np.uint64(count))
-        best = np.int64(-1)
-        while pick >= 0:
-            best += 1
-            pick -= (legal >> best) & 1
+    if np.float64(bits >> _word(11)) * 2.0**-53 < flight.exploration:
+        pick = _mix(_absorb(here, _PICK) + _GAMMA) % _word(_COUNT[legal])
+        best = _int(_NTH[legal, pick])
     return best
 
 
 @_part
-def _roam(layout: Any, flight: Any, scratch: Any, state: Any, group: Any, trace: Any) -> Any:
-    """Let SA move within the group until it is done, or no move is legal; True when it is done."""
-    todo, visited, utility, path = scratch
-    cell, step, captures, decisions, target = state
-    inside, order, rewards, moves, deltas = flight.inside, flight.order, flight.rewards, flight.moves, layout.deltas
-    size = np.int64(layout.offsets[group + 1] - layout.offsets[group])
+def _legal(layout: Any, free: Any, inside: Any, word: Any, bit: Any) -> Any:
+    """Moves that stay in the group and lead to a cell that is not captured, as bits."""
+    legal = _int(0)
+    for move in range(len(layout.moves)):
+        row = free[_word(word + layout.row_steps[move])]
+        there = row >> _word((bit + layout.column_steps[move]) & (WORD_BITS - 1))
+        legal |= (_int(there) & (inside >> move) & 1) << move
+    return legal
+
+
+@_part
+def _best(layout: Any, order: Any, legal: Any) -> Any:
+    """The first legal move in an order of preference."""
+    best = _int(0)
+    for place in range(len(layout.moves) - 1, -1, -1):
+        move = (order >> (3 * place)) & 7
+        best = move if (legal >> move) & 1 else best
+    return best
+
+
+@_part
+def _roam(layout: Any, flight: Any, scratch: Any, state: Any, group: Any) -> Any:
+    """Let SA move within the group until it is done, which gives True, or until no move is legal."""
+    free, visited, utility, path = scratch
+    cell, step, captures, decisions = state
+    size = _int(layout.sizes[group])
     limit = flight.t_v + 1 if flight.t_v < size else size
     v, u = visited[group], utility[group]
+    word, bit = _int(layout.word[cell]), _int(layout.bit[cell])
     done = False
     while not done:
-        ways = np.int64(inside[cell])
-        preference = np.int64(order[cell])
-        legal = np.int64(0)
-        for move in range(layout.width):
-            way = (ways >> move) & 1
-            legal |= (way & todo[cell + (deltas[move] & -way)]) << move
+        inside = _int(flight.inside[_word(cell)])
+        order = _int(flight.order[_word(cell)])
+        legal = _legal(layout, free, inside, word, bit)
         if legal == 0:
             break
-        best = np.int64(0)
-        for place in range(layout.width - 1, -1, -1):
-            move = (preference >> (3 * place)) & 7
-            best = move if (legal >> move) & 1 else best
-        if flight.exploration > 0:
-            best = _explore(flight, step, legal, best)
-        if trace is not None:
-            trace.legal[flight.mission, flight.agent, step] = legal
-            trace.move[flight.mission, flight.agent, step] = best
-        moves[best] += 1
+        best = _best(layout, order, legal)
+        if flight.exploration > 0 and legal & (legal - 1):
+            best = _explored(flight, step, legal, best)
+        if step < flight.room:
+            flight.legal[step] = legal
+            flight.move[step] = best
+        way = _word(best)
+        flight.moves[way] += 1
         decisions += 1
         step += 1
-        cell += deltas[best]
-        todo[cell] = 0
-        path[captures] = cell
+        cell += layout.cell_steps[way]
+        word += layout.row_steps[way]
+        bit += layout.column_steps[way]
+        free[_word(word)] &= ~(_ONE << _word(bit))
+        path[_word(captures)] = cell
         captures += 1
         v += 1
-        u += rewards[cell]
-        if trace is not None:
-            trace.cell[flight.mission, flight.agent, step] = cell
-            trace.captured[flight.mission, flight.agent, step] = True
+        u += flight.rewards[_word(cell)]
+        if step < flight.room:
+            flight.cells[step] = cell
+            flight.captured[step] = True
         done = v >= limit or u > flight.t_u
     visited[group] = v
     utility[group] = u
-    return _State(cell, step, captures, decisions, target), done
+    return _State(cell, step, captures, decisions), done
 
 
 @_part
-def _take_off(layout: Any, flight: Any, scratch: Any, trace: Any) -> Any:
-    cell = np.int64(layout.starts[flight.agent])
-    group = layout.first[flight.agent]
-    target, captures = np.int64(-1), np.int64(0)
-    if layout.group_of[cell] != group:
-        target = _nearest(layout, scratch.todo, cell, group)
-    captured = scratch.todo[cell] != 0 and (layout.capture_in_transit or target < 0)
-    if captured:
-        scratch.todo[cell] = 0
-        scratch.visited[layout.group_of[cell]] += 1
-        scratch.path[0] = cell
-        captures += 1
-    if trace is not None:
-        trace.cell[flight.mission, flight.agent, 0] = cell
-        trace.captured[flight.mission, flight.agent, 0] = captured
-    return _State(cell, np.int64(0), captures, np.int64(0), target)
+def _take_off(layout: Any, flight: Any, scratch: Any, away: Any) -> Any:
+    """The first state, captured when it may be; `away` when it is not in the agent's first group."""
+    cell = _int(layout.starts[flight.agent])
+    word, bit = layout.word[cell], _word(layout.bit[cell])
+    captured = _int(scratch.free[word] >> bit) & _int(layout.capture_in_transit or not away) & 1
+    scratch.free[word] ^= _word(captured) << bit
+    scratch.visited[max(layout.group_of[cell], 0)] += captured
+    scratch.path[0] = cell
+    if flight.room > 0:
+        flight.cells[0] = cell
+        flight.captured[0] = captured
+    return _State(cell, _int(0), captures=captured, decisions=_int(0))
 
 
 @_part
-def _done(layout: Any, flight: Any, scratch: Any, group: Any) -> Any:
+def _is_done(layout: Any, flight: Any, scratch: Any, group: Any) -> Any:
     visited = scratch.visited[group]
-    exhausted = visited == layout.offsets[group + 1] - layout.offsets[group]
-    return exhausted or scratch.utility[group] > flight.t_u or visited > flight.t_v
+    return visited == layout.sizes[group] or scratch.utility[group] > flight.t_u or visited > flight.t_v
 
 
 @_part
-def _fly_one(layout: Any, flight: Any, scratch: Any, trace: Any, left: Any) -> Any:
+def _fly_one(layout: Any, flight: Any, scratch: Any) -> Any:
     """One flight from take-off to landing: its last state and the number of groups that are behind it."""
-    state = _take_off(layout, flight, scratch, trace)
-    first, last = np.int64(layout.first[flight.agent]), np.int64(layout.last[flight.agent])
+    first, last = _int(layout.first[flight.agent]), _int(layout.last[flight.agent])
     group, leavings = first, 0
+    astray = layout.group_of[layout.starts[flight.agent]] != group
+    state = _take_off(layout, flight, scratch, astray)
     while True:
-        if state.target >= 0:
-            state = _flight_to(layout, flight, scratch, state, trace)
+        if astray:
+            state = _travel(layout, flight, scratch, state, _nearest(layout, scratch.free, state.cell, group))
         before = group
-        while group < last and _done(layout, flight, scratch, group):
+        while group < last and _is_done(layout, flight, scratch, group):
             group += 1
         if group == last:
             break
         if group != before:
-            if left is not None:
-                left[flight.mission, flight.agent, leavings] = state.step
+            if leavings < len(flight.left):
+                flight.left[leavings] = state.step
                 leavings += 1
             if state.step == flight.land_at:
                 break
+        astray = True
         if layout.group_of[state.cell] == group:
-            state, done = _roam(layout, flight, scratch, state, group, trace)
-            if done:
-                continue
-        target = _nearest(layout, scratch.todo, state.cell, group)
-        state = _State(state.cell, state.step, state.captures, state.decisions, target)
+            state, done = _roam(layout, flight, scratch, state, group)
+            astray = not done
     return state, group - first
 
 
 @_program
-def fly(layout: Any, batch: Any, flown: Any, scratch: Any, land_at: Any, trace: Any, left: Any) -> None:
-    """Fly all missions; see `fleet.simulator.batch.fly`."""
+def fly(layout: Any, batch: Any, flown: Any, trace: Any, scratch: Any) -> None:
+    """Fly all missions of a batch; the arrays of `flown` and `trace` are blank, those of `scratch` clear."""
     for mission in range(len(batch.missions)):
+        stream = _absorb(batch.seed, batch.missions[mission])
         for agent in range(len(layout.starts)):
             flight = _Flight(
-                mission,
-                agent,
-                batch.utility_thresholds[mission],
-                batch.visited_thresholds[mission],
-                batch.exploration[mission],
-                _absorb(_absorb(batch.seed, batch.missions[mission]), agent),
-                land_at[mission, agent],
-                layout.inside[layout.set_of[agent]],
-                batch.orders[batch.table[mission, agent]],
-                batch.rewards[batch.reward_of[mission]],
-                flown.moves[mission, agent],
+                agent=agent,
+                t_u=batch.utility_thresholds[mission],
+                t_v=batch.visited_thresholds[mission],
+                exploration=batch.exploration[mission],
+                stream=_absorb(stream, agent),
+                land_at=batch.land_at[mission, agent],
+                inside=layout.inside[layout.set_of[agent]],
+                order=batch.orders[batch.table[mission, agent]],
+                rewards=batch.rewards[batch.reward_of[mission]],
+                moves=flown.moves[mission, agent],
+                room=trace.cell.shape[2],
+                cells=trace.cell[mission, agent],
+                captured=trace.captured[mission, agent],
+                legal=trace.legal[mission, agent],
+                move=trace.move[mission, agent],
+                left=trace.left[mission, agent],
             )
-            state, explored = _fly_one(layout, flight, scratch, trace, left)
+            state, explored = _fly_one(layout, flight, scratch)
             flown.steps[mission, agent] = state.step + 1
             flown.captures[mission, agent] = state.captures
             flown.decisions[mission, agent] = state.decisions
             flown.groups_explored[mission, agent] = explored
             for index in range(state.captures):
-                cell = scratch.path[index]
+                cell = _word(scratch.path[_word(index)])
+                word, group = _word(layout.word[cell]), _word(layout.group_of[cell])
                 flown.captured[mission, cell] = True
-                scratch.todo[cell] = 1
-                scratch.visited[layout.group_of[cell]] = 0
-                scratch.utility[layout.group_of[cell]] = 0.0
+                scratch.free[word] = layout.full[word]
+                scratch.visited[group] = 0
+                scratch.utility[group] = 0.0

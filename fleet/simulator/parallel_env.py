@@ -35,9 +35,9 @@ Observation = dict[str, NDArray[Any]]
 class MissionEnv(ParallelEnv[str, Observation, int]):  # type: ignore[misc] # pettingzoo ships no types
     """One mission after the other over the same layout.
 
-    An action is an index into MOVES. One that the mask does not allow is replaced by the first that it does, and
-    `info["replaced"]` says so. The reward is R of the state that the move leads to. `info["states"]` is the number of
-    states visited since the last choice, `info["cell"]` the state that the agent is in. Nothing is random, so seeds change nothing.
+    An action is an index into MOVES. One that the mask does not allow is replaced by the first that it does. The reward
+    is R of the state that the move leads to. Each agent's info has `states`, how many it has visited since its last
+    choice, `cell`, where it is, and `replaced`, whether its action was. Nothing is random, so seeds change nothing.
 
     Args:
         layout: Who flies where.
@@ -98,9 +98,7 @@ class MissionEnv(ParallelEnv[str, Observation, int]):  # type: ignore[misc] # pe
 
     def step(
         self, actions: Mapping[str, int]
-    ) -> tuple[
-        dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]
-    ]:
+    ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
         """Make one move of every agent that still flies, and fly on until SA is asked again."""
         flying, rewards, infos = self.agents, {}, {}
         for name in flying:

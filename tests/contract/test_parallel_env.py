@@ -27,10 +27,10 @@ def layout_of(agents: int = 3) -> Layout:
     return plan_layout(Grid(valid), space, specs)
 
 
-def env_of(ha: Thresholds = Thresholds(2.5, 5)) -> MissionEnv:
+def env_of(visited_threshold: int = 5) -> MissionEnv:
     generator = np.random.default_rng(4)
     layout = layout_of()
-    return MissionEnv(layout, generator.random((72, 4)), generator.random(72), ha)
+    return MissionEnv(layout, generator.random((72, 4)), generator.random(72), Thresholds(2.5, visited_threshold))
 
 
 def test_passes_the_api_test() -> None:
@@ -38,7 +38,7 @@ def test_passes_the_api_test() -> None:
 
 
 def test_passes_the_api_test_when_agents_land_without_a_choice() -> None:
-    parallel_api_test(env_of(Thresholds(2.5, 0)), num_cycles=50)
+    parallel_api_test(env_of(visited_threshold=0), num_cycles=50)
 
 
 def test_passes_the_seed_tests() -> None:

@@ -132,6 +132,13 @@ def test_a_trainer_that_fails_ends_the_run_with_the_end_of_its_log(tmp_path: Pat
     assert str(caught.value).endswith("trainer Train was told to fail")
 
 
+def test_a_trainer_that_leaves_nothing_ends_the_run(tmp_path: Path) -> None:
+    fleet = application(tmp_path)
+    set_faults(fleet, {"trainer Train": {"code": 0}})
+    with pytest.raises(MissionError, match="the trainer ended without a result; its log is"):
+        fly(fleet)
+
+
 def test_a_missed_goal_is_in_the_summary(tmp_path: Path) -> None:
     summary = run(tmp_path, missions=1, goals=[{"metric": "accuracy", "atLeast": 0.9}])
     assert [result.goal.at_least for result in summary.missed] == [0.9]

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import random
 import shutil
 import signal
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -84,9 +86,9 @@ def _kill(out: Path, parts: tuple[str, ...], chance: random.Random) -> None:
             return
 
 
-def _wait_for(condition: object) -> None:
+def _wait_for(condition: Callable[[], bool]) -> None:
     deadline = time.monotonic() + PATIENCE_S
-    while not condition():  # type: ignore[operator]  # a callable without arguments
+    while not condition():
         assert time.monotonic() < deadline, "what the test waits for did not happen"
         time.sleep(0.02)
 
@@ -105,8 +107,6 @@ def _steps_written(storage: LocalStorage, agent: str) -> list[int]:
 
 
 def _alone(line: bytes) -> tuple[Record, ...]:
-    import json
-
     try:
         return (Record(**json.loads(line)),)
     except (ValueError, TypeError):

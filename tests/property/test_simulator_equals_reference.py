@@ -16,7 +16,7 @@ from fleet.energy.profiles import load_aircraft, load_edge
 from fleet.missions.layout import MOVES, Layout, plan_layout
 from fleet.simulator import reference
 from fleet.simulator.batch import Batch, Flown, Trace, fly
-from fleet.spec.swarm import Action, AgentSpec, GroupOrder, Groups, StateSpace, Start
+from fleet.spec.swarm import Action, AgentSpec, GroupOrder, Groups, Start, StateSpace
 
 SEED = st.integers(0, 2**32 - 1)
 

@@ -64,7 +64,7 @@ class RunDocument(Model):
     message: str = Field("", description="Why it failed, when it did.")
 
 
-class OtherRun(FleetError):  # noqa: N818 - it names what the folder holds
+class OtherRun(FleetError):
     """The folder or the storage has the run of something else; going on would mix the two."""
 
     exit_code = ExitCode.USAGE

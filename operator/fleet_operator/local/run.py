@@ -116,7 +116,7 @@ class Run:
                     self._prepare()
             case Train():
                 with self._phase("training", "shaping the reward and training"):
-                    self._train([training_job(self._target)])
+                    self._train(step, [training_job(self._target)])
             case Order(number=number):
                 self._order(number)
             case Wait(number=number, seconds=seconds):
@@ -130,7 +130,7 @@ class Run:
                     self._retrain(number, subsets)
             case Weigh(number=number):
                 with self._phase(f"weighing {number}", f"mission {number}: weighing the models"):
-                    self._train([weighing_job(self._target, number)])
+                    self._train(step, [weighing_job(self._target, number)])
             case Suspended() | Failed() | Done():
                 return
             case _:
@@ -155,15 +155,14 @@ class Run:
         subsets = [subset.key for subset in subsets_for(application.fleet)]
         write_order(application.storage, application.paths, application.fleet, number, subsets)
 
-    def _train(self, jobs: Sequence[Manifest]) -> None:
+    def _train(self, step: Step, jobs: Sequence[Manifest]) -> None:
         """Run a trainer; all else waits for it, so its failure is the run's."""
-        before = self._observed()
         name = jobs[0]["metadata"]["name"]
         log = self._application.out / LOGS / name / f"{names.main_container(Role.TRAINER)}.log"
         failures = self._run_jobs(jobs, lambda: trainer_gauges(log))
         if failures:
             self._broken = next(iter(failures.values()))
-        elif self._observed() == before:
+        elif self._next() == step:
             self._broken = f"the trainer ended without a result; its log is {log}"
 
     def _retrain(self, number: int, subsets: Sequence[str]) -> None:

@@ -16,7 +16,7 @@ from fleet.spec.base import quantity_value
 Manifest = Mapping[str, Any]
 
 
-class UnsupportedManifest(FleetError):  # noqa: N818 - it names what the manifest is
+class UnsupportedManifest(FleetError):
     """A manifest asks for something that the local runner does not have."""
 
 

@@ -24,6 +24,7 @@ def invoke(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Invoke:
     """Calls `fleet` in this process, with a cache of its own and sys.path as it was afterwards."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.delitem(sys.modules, "my_swarm", raising=False)  # that of another test
 
     def call(*arguments: object) -> Result:
         result = CliRunner().invoke(app, [str(argument) for argument in arguments])
@@ -66,7 +67,7 @@ def my_swarm(tmp_path: Path) -> Path:
     make_application(tmp_path / "my-swarm")
     spec = tmp_path / "my-swarm" / "fleetspec.yaml"
     text = spec.read_text()
-    for long, short in (("epochs: 12, missions: 32", "epochs: 2, missions: 4"), ("missions: 128", "missions: 4")):
+    for long, short in (("epochs: 12, missions: 32", "epochs: 4, missions: 4"), ("missions: 128", "missions: 4")):
         assert long in text
         text = text.replace(long, short)
     spec.write_text(text)

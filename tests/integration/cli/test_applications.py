@@ -104,7 +104,7 @@ def test_the_module_of_an_application_hides_no_other(name: str, module: str) -> 
 def test_validate_shows_every_problem_with_its_place_and_a_way_out(invoke: Invoke, my_swarm: Path) -> None:
     text = my_swarm.read_text()
     text = (
-        text.replace("count: 2}  ", "count: two}")
+        text.replace("agents: {count: 2}", "agents: {count: two}")
         .replace("atLeast: 0.6", "atLeast: much")
         .replace("use: [Mission]", "use: [Fly]")
     )

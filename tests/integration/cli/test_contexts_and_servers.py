@@ -22,7 +22,7 @@ from fleet.functions.vision import encode
 from fleet.storage.local import LocalStorage
 
 Invoke = Callable[..., Result]
-TABLE = "row,col,exg\n0,0,10\n0,0,20\n0,1,30\n1,1,40\n"
+TABLE = "row,col,exg,site\n0,0,10,a\n0,0,20,a\n0,1,30,b\n1,1,40,a\n"
 SIZE = ("--cell-height", 5, "--cell-width", 4)
 
 
@@ -47,7 +47,7 @@ def test_import_averages_the_lines_of_a_cell_and_leaves_others_empty(
 
 
 def test_import_keeps_to_the_lines_that_are_wanted(invoke: Invoke, table: Path, tmp_path: Path) -> None:
-    done = invoke("context", "import", table, tmp_path / "june", "--date", "2018-06-01", *SIZE, "--where", "exg=30")
+    done = invoke("context", "import", table, tmp_path / "june", "--date", "2018-06-01", *SIZE, "--where", "site=b")
     assert done.exit_code == 0, done.output
     assert np.nansum(load_cube(LocalStorage(tmp_path / "june")).values("exg")) == 30
 
