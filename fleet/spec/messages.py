@@ -241,7 +241,8 @@ def _pattern(value: str, pattern: str) -> tuple[str, str]:
             message, better = "must be an IPv4 address", "192.168.1.255"
         case _:
             message, better = f"must match {pattern}", ""
-    hint = f"write {better}" if better and re.fullmatch(pattern, better) else ""
+    fits = bool(better) and re.fullmatch(pattern, better) is not None
+    hint = f"write {better}" if fits else "write my_module:my_function" if pattern == FUNCTION_PATTERN else ""
     return f"{message}, and is {described(value)}", hint
 
 

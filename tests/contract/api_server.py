@@ -102,7 +102,7 @@ def _broken_rules(schema: Schema, value: Any, old: Any, path: str) -> list[str]:
             wrong += _broken_rules(part, inner, before, f"{path}.{name}")
     elif isinstance(value, list):
         for index, item in enumerate(value):
-            wrong += _broken_rules(schema["items"], item, None, f"{path}[{index}]")
+            wrong += _broken_rules(schema.get("items", {}), item, None, f"{path}[{index}]")
     return wrong
 
 
@@ -151,7 +151,7 @@ def _own_size(schema: Schema, value: list[Any] | dict[str, Any]) -> list[str]:
         wrong.append("an item is there twice")
     if kind == "map":
         (key,) = schema["x-kubernetes-list-map-keys"]
-        names = [item.get(key) for item in value if isinstance(item, dict)]
+        names = [str(item.get(key)) for item in value if isinstance(item, dict)]
         if len(set(names)) < len(names):
             wrong.append(f"a {key} is there twice")
     return wrong

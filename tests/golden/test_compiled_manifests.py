@@ -7,14 +7,14 @@ from typing import Any
 
 import pytest
 import yaml
+
+from fleet.spec.resources import FleetSpec
 from fleet_operator.compiler.bundle import Bundle
 from fleet_operator.compiler.fleet import compile_fleet, to_yaml
 from fleet_operator.compiler.settings import Settings
 from fleet_operator.compiler.target import AggregatorTerms, Target
 from fleet_operator.local.workloads import parse_job, parse_service
 from fleet_operator.policy.shares import Capacity, Share
-
-from fleet.spec.resources import FleetSpec
 
 FOLDER = Path(__file__).parent / "compile"
 FUNCTIONS = {"crop_scouting.py": b"def map_observation(observation):\n    return {'exg': 1.0}\n"}

@@ -6,14 +6,14 @@ import json
 from pathlib import Path
 
 import pytest
+
+from fleet.errors import ContextError, FleetError, MissionError
+from fleet.missions.documents import Landing, MissionOrder
 from fleet_operator.local.application import Application
 from fleet_operator.local.events import ContainerDied, JobFailed
 from fleet_operator.local.ledger import OtherRun, RunState, only_run, read_document
 from fleet_operator.local.outcome import to_json
 from fleet_operator.local.service import Summary
-
-from fleet.errors import ContextError, FleetError, MissionError
-from fleet.missions.documents import Landing, MissionOrder
 from tests.fleet_runs import Recorder, application, fly, set_faults
 
 

@@ -12,9 +12,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+
 from fleet_operator.local.application import Application
 from fleet_operator.local.ledger import RunState, read_document
-
 from tests.fleet_runs import Recorder, application, fly, set_faults
 
 ROOT = Path(__file__).parent.parent.parent

@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+
 from fleet_operator.local.addresses import Addresses
 from fleet_operator.local.events import ContainerDied, Event, JobFailed, JobSucceeded, PodStarted
 from fleet_operator.local.machine import Capacity, JobState, Machine
 from fleet_operator.local.workloads import UnsupportedManifest
-
 from tests.manifest_builders import SERVER, classes, container, job, service, sidecar
 
 ENDED = {JobState.SUCCEEDED, JobState.FAILED}

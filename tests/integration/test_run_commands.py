@@ -9,8 +9,8 @@ import sys
 from pathlib import Path
 
 import yaml
-from fleet_operator.compiler.fleet import to_yaml
 
+from fleet_operator.compiler.fleet import to_yaml
 from tests.fleet_runs import write_application
 
 ROOT = Path(__file__).parent.parent.parent

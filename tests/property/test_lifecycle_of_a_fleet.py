@@ -2,6 +2,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fleet.spec.resources import Fleet
+from fleet.storage.layout import FleetPaths
 from fleet_operator.policy.lifecycle import (
     Course,
     Done,
@@ -21,11 +26,6 @@ from fleet_operator.policy.lifecycle import (
     phase,
 )
 from fleet_operator.policy.progress import is_trained, missions_so_far
-from hypothesis import given
-from hypothesis import strategies as st
-
-from fleet.spec.resources import Fleet
-from fleet.storage.layout import FleetPaths
 
 AGENTS = ("a", "b")
 COURSE = Course(AGENTS, missions=2)

@@ -2,11 +2,11 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from fleet_operator.policy.pruning import pruned
 from hypothesis import given
 from hypothesis import strategies as st
 
 from fleet.spec.platform import Pruning
+from fleet_operator.policy.pruning import pruned
 
 histories = st.lists(st.dictionaries(st.sampled_from("abc"), st.none() | st.floats(0, 1)), max_size=8)
 rules = st.builds(Pruning, below=st.floats(0, 1), after=st.integers(1, 4))

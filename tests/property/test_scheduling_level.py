@@ -4,11 +4,11 @@ import math
 from decimal import ROUND_HALF_UP, Decimal
 
 import pytest
-from fleet_operator.policy.level import level, levels, priority_value
 from hypothesis import given
 from hypothesis import strategies as st
 
 from fleet.spec.platform import UsefulnessScale
+from fleet_operator.policy.level import level, levels, priority_value
 
 ABSOLUTE, RELATIVE = UsefulnessScale.ABSOLUTE, UsefulnessScale.RELATIVE
 scales = st.sampled_from(UsefulnessScale)

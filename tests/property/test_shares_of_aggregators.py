@@ -4,9 +4,10 @@ import math
 from itertools import pairwise
 
 import pytest
-from fleet_operator.policy.shares import Capacity, Share, shares, water_fill
 from hypothesis import given
 from hypothesis import strategies as st
+
+from fleet_operator.policy.shares import Capacity, Share, shares, water_fill
 
 GIB = 2**30
 keyed_levels = st.dictionaries(st.text("ab123-", min_size=1, max_size=4), st.integers(0, 9), max_size=20)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from fleet_operator.local.orders import aggregator_terms
-from fleet_operator.policy.shares import Capacity
-
 from fleet.missions.documents import WeightsDocument
 from fleet.spec.resources import Fleet
+from fleet_operator.local.orders import aggregator_terms
+from fleet_operator.policy.shares import Capacity
 from tests.fleet_runs import spec_document
 
 MACHINE = Capacity(4.0, 8 * 2**30)

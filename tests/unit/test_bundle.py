@@ -5,9 +5,9 @@ from __future__ import annotations
 import base64
 
 import pytest
-from fleet_operator.compiler.bundle import Bundle
 
 from fleet.errors import SpecError
+from fleet_operator.compiler.bundle import Bundle
 
 
 def test_text_and_bytes_go_where_a_config_map_has_them() -> None:

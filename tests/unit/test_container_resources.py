@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from fleet_operator.compiler.quantities import cpu_text, memory_text, of_share, settled, whole_cores
-from fleet_operator.policy.shares import Capacity, Share
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fleet.errors import SpecError
 from fleet.spec.base import Amounts, Resources, quantity_value
+from fleet_operator.compiler.quantities import cpu_text, memory_text, of_share, settled, whole_cores
+from fleet_operator.policy.shares import Capacity, Share
 
 DEFAULT = Resources(requests=Amounts(cpu="100m", memory="128Mi"), limits=Amounts(cpu="1", memory="512Mi"))
 CPU = st.none() | st.sampled_from(["10m", "100m", "500m", "1", "1.5", "4"])

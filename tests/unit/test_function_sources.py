@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fleet_operator.local.sources import read_bundle
 
 from fleet.errors import SpecError
 from fleet.spec.resources import Fleet
+from fleet_operator.local.sources import read_bundle
 from tests.fleet_runs import spec_document
 
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 
-from fleet_operator.resources import names
-from fleet_operator.resources.roles import Role
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+from fleet_operator.resources import names
+from fleet_operator.resources.roles import Role
 
 FLEET = st.from_regex(r"[a-z0-9]([-a-z0-9]{0,38}[a-z0-9])?", fullmatch=True)
 AWKWARD = st.sampled_from(

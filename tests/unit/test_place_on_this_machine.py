@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+
 from fleet_operator.local.environment import Place, check_command, command_of
 from fleet_operator.local.workloads import Container, Service, UnsupportedManifest
 

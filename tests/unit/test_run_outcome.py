@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from fleet_operator.local.display import Gauge
-from fleet_operator.local.observe import trainer_gauges
-from fleet_operator.local.outcome import miss
 
 from fleet.missions.documents import GoalResult
 from fleet.spec.swarm import Goal
+from fleet_operator.local.display import Gauge
+from fleet_operator.local.observe import trainer_gauges
+from fleet_operator.local.outcome import miss
 
 
 @pytest.mark.parametrize(

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 import keyword
 import re
 import shutil
+import sys
+import sysconfig
 from importlib import resources
+from importlib.machinery import PathFinder
 from pathlib import Path
 from string import Template
 
@@ -19,6 +21,7 @@ from fleet.storage.local import LocalStorage
 FIELDS = {"practice": 1, "field": 2}
 """Seeds of the contexts."""
 _LONGEST = 40
+_OWN = ("fleet", "fleet_operator")
 
 
 def make_application(folder: Path) -> tuple[Path, ...]:
@@ -59,9 +62,14 @@ def make_application(folder: Path) -> tuple[Path, ...]:
 def module_of(name: str) -> str:
     """A name for the Python module of an application that neither Python nor an installed package uses."""
     module = name.replace("-", "_")
-    if keyword.iskeyword(module) or module[0].isdigit() or importlib.util.find_spec(module) is not None:
-        return f"swarm_{module}"
-    return module
+    taken = keyword.iskeyword(module) or module in sys.stdlib_module_names or module in _OWN or _is_installed(module)
+    return f"swarm_{module}" if taken or module[0].isdigit() else module
+
+
+def _is_installed(module: str) -> bool:
+    """Whether a package has the name, wherever `fleet init` is called."""
+    places = [sysconfig.get_path(kind) for kind in ("purelib", "platlib")]
+    return PathFinder.find_spec(module, places) is not None
 
 
 def _check(folder: Path) -> None:

