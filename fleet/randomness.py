@@ -30,7 +30,7 @@ def draw(seed: int, *counters: int) -> int:
         seed: Any integer; the low 64 bits count.
         counters: What tells this draw from all others: mission, agent, step, purpose.
     """
-    state = seed & _MASK
+    state = mix((seed + GOLDEN_GAMMA) & _MASK)  # mixed first: seed and mission must not be interchangeable
     for counter in counters:
         state = mix(((state ^ (counter & _MASK)) + GOLDEN_GAMMA) & _MASK)
     return mix((state + GOLDEN_GAMMA) & _MASK)

@@ -30,6 +30,10 @@ LAYERS = (64, 64)
 BATCH = 64
 SYNC_STEPS = 64
 """After so many gradient steps DQN's target network becomes the learned one."""
+DDPG_PASSES = 4
+"""DDPG takes so many times the steps of DQN: it learns two networks, one through the other."""
+CRITIC_SHARE = 0.75
+"""Share of DDPG's steps in which only the critic learns."""
 ADAM_SHARE = 0.01
 """Adam's step as a share of the spec's learning rate, whose default is meant for Q-learning."""
 
@@ -69,11 +73,29 @@ def trained(
             raise ModelError(f"the saved {settings.kind} does not fit: {error}") from error
         _fill(algorithm.replay_buffer, settings.kind, sample, fit.seed)
         steps = math.ceil(fit.epochs * len(sample) / BATCH)
-        for start in range(0, steps, SYNC_STEPS):
-            algorithm.train(min(SYNC_STEPS, steps - start), BATCH)
-            if settings.kind is SAKind.DQN:  # DDPG's own training lets its targets follow
-                algorithm.q_net_target.load_state_dict(algorithm.q_net.state_dict())
+        if settings.kind is SAKind.DQN:
+            _train_dqn(algorithm, steps)
+        else:
+            _train_ddpg(algorithm, steps * DDPG_PASSES)
         return _parameters(algorithm)
+
+
+def _train_dqn(algorithm: Any, steps: int) -> None:
+    for start in range(0, steps, SYNC_STEPS):
+        algorithm.train(min(SYNC_STEPS, steps - start), BATCH)
+        algorithm.q_net_target.load_state_dict(algorithm.q_net.state_dict())
+
+
+def _train_ddpg(algorithm: Any, steps: int) -> None:
+    """The critic first, alone: an actor that follows a critic that knows nothing ends in a corner, where the gradient
+    of its tanh is 0, and never leaves it."""
+    alone = round(steps * CRITIC_SHARE)
+    algorithm.policy_delay = steps + 1
+    for start in range(0, alone, SYNC_STEPS):
+        algorithm.train(min(SYNC_STEPS, alone - start), BATCH)
+        algorithm.critic_target.load_state_dict(algorithm.critic.state_dict())
+    algorithm.policy_delay = 1
+    algorithm.train(steps - alone, BATCH)
 
 
 @contextmanager

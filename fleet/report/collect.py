@@ -63,6 +63,16 @@ class AgentRun:
     records: tuple[Record, ...]
     landing: Landing | None
 
+    @property
+    def choices(self) -> int:
+        """States that SA chose the move of; where one move was legal there was nothing to choose."""
+        return sum(record.legal.bit_count() > 1 for record in self.records)
+
+    @property
+    def moves(self) -> int:
+        """Moves, without the landing."""
+        return sum(record.move >= 0 for record in self.records)
+
 
 @dataclass(frozen=True, eq=False)
 class MissionRun:

@@ -15,7 +15,7 @@ import yaml
 import fleet
 from fleet.functions.contract import AgentMetrics
 from fleet.learning.reward import RewardModel
-from fleet.missions.documents import GoalResult
+from fleet.missions.documents import GoalResult, RetrainingReport
 from fleet.report import measures
 from fleet.report.collect import MissionRun, RunData
 from fleet.report.pictures import Picture
@@ -37,6 +37,7 @@ class MissionSection:
     number: int
     title: str
     rendered: bool
+    choices: str
     goals: tuple[tuple[bool, str], ...]
     agents: Table
     failures: Mapping[str, str]
@@ -111,6 +112,17 @@ def shaping_sentence_of(reward: RewardModel) -> str:
     )
 
 
+def choices_sentence(mission: MissionRun) -> str:
+    """How much of a mission SA decided; the reader must not credit it with what HA and the order of groups did."""
+    choices, moves = sum(run.choices for run in mission.agents), sum(run.moves for run in mission.agents)
+    if not moves:
+        return ""
+    text = f"SA chose {choices:,} of {moves:,} moves; HA and the order of the state groups fixed the others."
+    return (
+        text if choices >= 0.05 * moves else text + " So this mission says next to nothing about SA or its retraining."
+    )
+
+
 def missions_table(run: RunData) -> Table:
     """One row a mission: goals met and every metric."""
     names = measures.ordered(name for one in run.missions if one.evaluation for name in one.evaluation.metrics)
@@ -148,6 +160,7 @@ def _section(mission: MissionRun, run: RunData, pictures: Sequence[Picture]) -> 
         number=mission.number,
         title=f"Mission {mission.number}" + (f" over {mission.context}" if mission.context else ""),
         rendered=mission.rendered,
+        choices=choices_sentence(mission),
         goals=tuple((result.met, _goal_text(result)) for result in results),
         agents=_agents_table(mission),
         failures=mission.failures,
@@ -166,7 +179,7 @@ def _bounds(goal: Goal) -> str:
 
 
 def _agents_table(mission: MissionRun) -> Table:
-    header = ("agent", "steps", "captures", "groups", "time", "UAV energy", "edge energy", "ended")
+    header = ("agent", "steps", "captures", "SA's choices", "groups", "time", "UAV energy", "edge energy", "ended")
     return Table(header, tuple(_agent_row(mission, index) for index in range(len(mission.agents))))
 
 
@@ -188,7 +201,8 @@ def _agent_row(mission: MissionRun, index: int) -> tuple[str, ...]:
         edge = measures.text("edge_energy_j", metrics.edge_energy_j)
         ended = "failed" if run.agent in mission.failures else "landed"
     time, energy = measures.duration(metrics.time_s), measures.text("uav_energy_j", metrics.uav_energy_j)
-    return run.agent, f"{metrics.steps:,}", f"{metrics.captures:,}", groups, time, energy, edge, ended
+    counts = (f"{metrics.steps:,}", f"{metrics.captures:,}", f"{run.choices:,}")
+    return run.agent, *counts, groups, time, energy, edge, ended
 
 
 def _models_table(run: RunData) -> Table:
@@ -201,7 +215,7 @@ def _models_table(run: RunData) -> Table:
             (
                 model,
                 "not flown yet" if useful is None else f"{useful:.3f}",
-                str(reports[-1].level) if reports else "–",  # noqa: RUF001  # see above
+                _level(reports),
                 str(len(reports)),
                 f"{sum(one.transitions for one in reports):,}",
                 measures.duration(sum(one.cpu_s for one in reports)),
@@ -210,6 +224,11 @@ def _models_table(run: RunData) -> Table:
         )
     header = ("model", "usefulness", "last level", "retrained", "transitions", "CPU time", "energy")
     return Table(header, tuple(rows))
+
+
+def _level(reports: Sequence[RetrainingReport]) -> str:
+    """The last level; an aggregator at level 0 is suspended and reports nothing, so 0 says that none was recorded."""
+    return str(reports[-1].level) if reports and reports[-1].level else "–"  # noqa: RUF001  # see above
 
 
 def _thresholds(run: RunData) -> list[tuple[str, str]]:

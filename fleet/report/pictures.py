@@ -113,7 +113,8 @@ def models_picture(run: RunData) -> Picture | None:
         for number, document in sorted(run.weights.items())
     }
     levels = {
-        number: [{one.subset: float(one.level) for one in reports}.get(model, np.nan) for model in models]
+        # At level 0 an aggregator is suspended and reports nothing: 0 says that no level was recorded.
+        number: [{one.subset: float(one.level or np.nan) for one in reports}.get(model, np.nan) for model in models]
         for number, reports in sorted(run.retraining.items())
         if reports
     }

@@ -38,7 +38,7 @@ class LayoutArrays(NamedTuple):
         set_of: Index of each agent's set of actions, int32 [N].
         inside: For each set of actions and each cell, the moves that stay in the cell's group as bits,
             uint8 [sets, cells].
-        moves: 0, 1, ... for the moves that any agent may choose from; the kernel is compiled for their number.
+        moves: See `scored_moves`; the kernel is compiled for their number.
         cell_steps, row_steps, column_steps: What each move adds to cell, row and column, int64 [8].
         compass: Moves that lead one row down, one row up, one column on, one column back, int64 [4].
         capture_in_transit: Whether cells on the way to the next group are captured.
@@ -121,6 +121,12 @@ def arrays_of(layout: Layout) -> LayoutArrays:
     return found
 
 
+def scored_moves(layout: Layout) -> tuple[int, ...]:
+    """The moves whose scores count: the straight ones, or all when any agent has another."""
+    straight = all(move < STRAIGHT_MOVES for actions in layout.actions for move in actions)
+    return tuple(range(STRAIGHT_MOVES if straight else len(MOVES)))
+
+
 class _Words(NamedTuple):
     members: NDArray[np.int64]
     sizes: NDArray[np.int64]
@@ -156,7 +162,6 @@ def _build(layout: Layout) -> LayoutArrays:
     grid, words = layout.grid, _words(layout)
     cells = np.arange(grid.cells)
     sets = sorted(set(layout.actions))
-    straight = all(move < STRAIGHT_MOVES for actions in sets for move in actions)
     steps = [grid.step(action) for action in MOVES]
     return LayoutArrays(
         columns=grid.columns,
@@ -176,7 +181,7 @@ def _build(layout: Layout) -> LayoutArrays:
         starts=_int32(layout.starts),
         set_of=_int32([sets.index(actions) for actions in layout.actions]),
         inside=np.stack([_inside(grid, layout.group_of, actions) for actions in sets]),
-        moves=tuple(range(STRAIGHT_MOVES if straight else len(MOVES))),
+        moves=scored_moves(layout),
         cell_steps=np.array([rows * grid.columns + columns for rows, columns in steps], dtype=np.int64),
         row_steps=np.array([rows for rows, _ in steps], dtype=np.int64),
         column_steps=np.array([columns for _, columns in steps], dtype=np.int64),

@@ -164,6 +164,11 @@ class Flown:
         )
 
 
+def broken_table(table: int) -> MissionError:
+    """The error for a table that lacks a score."""
+    return MissionError(f"batch: score table {table} has NaN for a move in a cell with data; SA must score every move")
+
+
 def fly(layout: Layout, batch: Batch, traced: bool = False, finished: Finished | None = None) -> Flown:
     """Fly all missions of a batch to their end, on one core, exactly as `fleet.missions.flight.Flight` would.
 
@@ -174,7 +179,7 @@ def fly(layout: Layout, batch: Batch, traced: bool = False, finished: Finished |
         finished: Asked whenever an agent leaves a group and has another one before it; True lands that agent there.
 
     Raises:
-        MissionError: the batch does not fit the layout.
+        MissionError: the batch does not fit the layout, or has no score where one may be needed.
     """
     batch.check(layout)
     from fleet.simulator import fast  # noqa: PLC0415 - numba loads only in roles that fly

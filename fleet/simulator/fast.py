@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fleet.errors import MissionError
 from fleet.missions.layout import Layout
 from fleet.simulator import kernel
 from fleet.simulator.arrays import BatchArrays, FlownArrays, LayoutArrays, TraceArrays, arrays_of
-from fleet.simulator.batch import Batch, Finished, Flown, Trace
+from fleet.simulator.batch import Batch, Finished, Flown, Trace, broken_table
 
 _SEED_MASK = (1 << 64) - 1
 
@@ -82,7 +81,7 @@ def _batch_arrays(layout: LayoutArrays, batch: Batch, land_at: NDArray[np.int64]
     orders = np.zeros(batch.scores.shape[:2], dtype=np.uint32)
     broken = kernel.rank(np.ascontiguousarray(batch.scores), layout.members, layout.moves, orders)
     if broken >= 0:
-        raise MissionError(f"batch: score table {broken} has NaN in a cell with data")
+        raise broken_table(broken)
     arrays = {name: np.ascontiguousarray(getattr(batch, name)) for name in BatchArrays._fields[1:-2]}
     return BatchArrays(orders=orders, seed=np.uint64(batch.seed & _SEED_MASK), land_at=land_at, **arrays)
 

@@ -149,7 +149,7 @@ def rank(scores: Any, members: Any, moves: Any, orders: Any) -> Any:
         orders: Result, uint32 [P, cells].
 
     Returns:
-        Index of a table with a NaN; -1 when there is none.
+        Index of the first table with a NaN; -1 when there is none.
     """
     broken = _int(-1)
     for table in range(len(scores)):
@@ -165,7 +165,7 @@ def rank(scores: Any, members: Any, moves: Any, orders: Any) -> Any:
                     elif other > move:
                         place += scores[table, cell, other] > score
                 order |= move << (3 * place)
-                broken = table if np.isnan(score) else broken
+                broken = table if np.isnan(score) and broken < 0 else broken
             orders[table, cell] = order
     return broken
 
@@ -352,8 +352,9 @@ def _fly_one(layout: Any, flight: Any, scratch: Any) -> Any:
 @_program
 def fly(layout: Any, batch: Any, flown: Any, trace: Any, scratch: Any) -> None:
     """Fly all missions of a batch; the arrays of `flown` and `trace` are blank, those of `scratch` clear."""
+    seeded = _mix(batch.seed + _GAMMA)
     for mission in range(len(batch.missions)):
-        stream = _absorb(batch.seed, batch.missions[mission])
+        stream = _absorb(seeded, batch.missions[mission])
         for agent in range(len(layout.starts)):
             flight = _Flight(
                 agent=agent,

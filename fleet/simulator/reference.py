@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from fleet.missions.flight import LAND, Decision, Flight
 from fleet.missions.layout import Layout
-from fleet.simulator.batch import Batch, Finished, Flown, Trace
+from fleet.simulator.arrays import scored_moves
+from fleet.simulator.batch import Batch, Finished, Flown, Trace, broken_table
 
 
 @dataclass(frozen=True)
@@ -32,9 +33,12 @@ def fly(layout: Layout, batch: Batch, traced: bool = False, finished: Finished |
     """The same as `fleet.simulator.batch.fly`, in plain Python.
 
     Raises:
-        MissionError: the batch does not fit the layout.
+        MissionError: the batch does not fit the layout, or has no score where one may be needed.
     """
     batch.check(layout)
+    broken = np.isnan(batch.scores[:, layout.group_of >= 0, : len(scored_moves(layout))]).any(axis=(1, 2))
+    if broken.any():
+        raise broken_table(int(broken.argmax()))
     flown = Flown.blank(len(batch), layout.agents, layout.grid.cells)
     logs: dict[tuple[int, int], list[Decision]] = {}
     for mission in range(len(batch)):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import zipfile
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -115,5 +116,5 @@ def _read(cache: Storage, path: str, label: str) -> NDArray[np.float64] | None:
             return np.asarray(arrays["ssv"], dtype=np.float64)
     except ObjectNotFound:
         return None
-    except (ValueError, KeyError, TypeError, OSError, EOFError, zipfile.BadZipFile):  # torn, or of another program
+    except (ValueError, KeyError, TypeError, OSError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error):  # torn, or of another program
         return None

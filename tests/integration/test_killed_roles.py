@@ -16,22 +16,12 @@ import pytest
 from fleet.errors import ObjectNotFound
 from fleet.missions.records import Record, read_log
 from fleet.storage.local import LocalStorage
-from tests.scouting import PATHS, finish, processes_of, running, words, write_swarm
+from tests.scouting import PATHS, finish, processes_of, running, words
 
 AGENTS = ("agent-1", "agent-2")
 IN_FLIGHT = (("fleet.runtime", "sensor"), ("fleet.runtime", "workflow"), ("serve", "map"), ("serve", "eval"))
 AFTERWARDS = (("fleet.runtime", "aggregator"), ("fleet.runtime", "trainer"))
 PATIENCE_S = 60.0
-
-
-@pytest.fixture(scope="module")
-def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a swarm and its finished run."""
-    folder = tmp_path_factory.mktemp("undisturbed")
-    file = write_swarm(folder / "swarm")
-    with running(file, folder / "out") as run:
-        assert finish(run, folder / "out") in {0, 1}, words(folder / "out")
-    return folder
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -37,12 +37,11 @@ def north_when_green(count: int = 2048) -> Transitions:
 
 @needs_deep
 @ignore_torch
-@pytest.mark.parametrize(("kind", "epochs"), [(SAKind.DQN, 4), (SAKind.DDPG, 80)])
+@pytest.mark.parametrize(("kind", "epochs"), [(SAKind.DQN, 4), (SAKind.DDPG, 20)])
 def test_a_network_learns_which_move_pays(kind: SAKind, epochs: int) -> None:
     data = north_when_green()
     scores = blank(kind).updated(data, Fit(epochs=epochs, seed=1)).scores(data.ssv)
-    chosen = np.where(data.next_legal.any(axis=1), -1, scores[:, :2].argmax(axis=1))
-    assert (chosen == (data.ssv[:, 0] <= 0.5)).mean() > 0.9
+    assert (scores[:, :2].argmax(axis=1) == (data.ssv[:, 0] <= 0.5)).mean() > 0.9
 
 
 @needs_deep
@@ -50,10 +49,12 @@ def test_a_network_learns_which_move_pays(kind: SAKind, epochs: int) -> None:
 @pytest.mark.parametrize("kind", [SAKind.DQN, SAKind.DDPG])
 def test_training_depends_on_its_arguments_alone(kind: SAKind) -> None:
     data = north_when_green(256)
-    drawn = np.random.get_state()[1][:4].tolist()  # noqa: NPY002 - the library draws from it; it must come back
+    np.random.seed(5)  # noqa: NPY002 - the library draws from this generator; it must come back
+    undisturbed = np.random.random()  # noqa: NPY002 - see above
+    np.random.seed(5)  # noqa: NPY002 - see above
     one, again, other = (blank(kind).updated(data, Fit(seed=seed)).to_bytes() for seed in (1, 1, 2))
     assert one == again != other
-    assert np.random.get_state()[1][:4].tolist() == drawn  # noqa: NPY002 - see above
+    assert np.random.random() == undisturbed  # noqa: NPY002 - see above
 
 
 @needs_deep

@@ -108,7 +108,7 @@ class RunOfTwoMissions:
         self.put(PATHS.weights(number), WeightsDocument(number=number, weights=weights, usefulness=useful))
         metrics = Metrics(tuple(self.agent(number, index) for index in range(2)))
         self.evaluate(number, metrics)
-        for level, subset in enumerate(MODELS[1:]):
+        for level, subset in enumerate(MODELS[1:], start=1):
             report = RetrainingReport(
                 number=number, subset=subset, transitions=40, cpu_s=0.5, wall_s=0.6, energy_j=12.5, level=level
             )

@@ -3,6 +3,7 @@ from __future__ import annotations
 import base64
 import csv
 import io
+import re
 import shutil
 from html.parser import HTMLParser
 from pathlib import Path
@@ -263,9 +264,38 @@ def test_levels_and_usefulness_are_those_of_the_documents(storage: LocalStorage,
         2: {"initial": 0.1, "1": 0.2, "2": 0.3, "1-2": 0.4},
     }
     assert [[(one.subset, one.level) for one in run.retraining[number]] for number in (1, 2)] == [
-        [("1-2", 2), ("1", 0), ("2", 1)],
-        [("1-2", 2), ("1", 0), ("2", 1)],
+        [("1-2", 3), ("1", 1), ("2", 2)],
+        [("1-2", 3), ("1", 1), ("2", 2)],
     ]
+
+
+def test_a_level_that_was_not_recorded_is_not_shown_as_zero(
+    storage: LocalStorage, paths: FleetPaths, tmp_path: Path
+) -> None:
+    for number in (1, 2):
+        for subset in ("1", "2", "1-2"):
+            report = storage.read(paths.retraining(number, subset))
+            storage.write(paths.retraining(number, subset), re.sub(rb'"level":\d', b'"level":0', report))
+    text = " ".join(page_of(write_report(storage, paths, tmp_path)).text.split())
+    assert "1-2 0.400 – 2 80" in text  # noqa: RUF001 - the sign of an empty cell
+
+
+def test_the_page_says_how_much_sa_decided(report: Path, storage: LocalStorage, paths: FleetPaths) -> None:
+    runs = collect(storage, paths).missions[1].agents
+    records = [record for run in runs for record in run.records]
+    choices = sum(bin(record.legal).count("1") > 1 for record in records)
+    text = page_of(report / "report.html").text
+    assert f"SA chose {choices} of {len(records) - len(runs)} moves" in text
+    assert "next to nothing" not in text
+
+
+def test_a_mission_that_sa_had_no_part_in_is_not_credited_to_it(
+    storage: LocalStorage, paths: FleetPaths, tmp_path: Path
+) -> None:
+    for agent in ("agent-1", "agent-2"):
+        log = storage.read(paths.log(2, agent))
+        storage.write(paths.log(2, agent), re.sub(rb'"legal":\d+', b'"legal":0', log))
+    assert "says next to nothing about SA" in page_of(write_report(storage, paths, tmp_path)).text
 
 
 def test_what_eval_predicted_is_in_the_map_as_it_was(report: Path, storage: LocalStorage, paths: FleetPaths) -> None:
