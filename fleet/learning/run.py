@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from fleet.errors import ModelError
 from fleet.learning.checkpoint import Checkpoint, fingerprint
 from fleet.learning.goals import Objective
 from fleet.learning.model import SAModel
@@ -38,6 +39,14 @@ class Run:
     pretrained: SAModel | None = None
     version: str = ""
     listener: Listener = nobody
+
+    def check(self, grounds: Grounds) -> None:
+        """Whether the pre-trained model is for the SSV of the contexts. Raises ModelError when it is not."""
+        if self.pretrained is not None and self.pretrained.features != grounds.features:
+            raise ModelError(
+                f"the pre-trained model expects the features {', '.join(self.pretrained.features)}, but Map() gives "
+                f"{', '.join(grounds.features)}; leave sa.pretrained out, or choose the Map() it was trained with"
+            )
 
     def checkpoint(self, name: str, fleet: Fleet, grounds: Grounds, *more: object) -> Checkpoint:
         """The checkpoint of a problem."""

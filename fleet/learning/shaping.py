@@ -82,10 +82,12 @@ def shape(fleet: Fleet, grounds: Grounds, run: Run, normaliser: Normaliser | Non
         normaliser: Of the features; by the shaping contexts when left out.
     Raises:
         TrainingError: there is no shaping context, or a given weight is of a feature that Map() does not give.
+        ModelError: the pre-trained model is for another SSV.
         FunctionError: Eval() failed.
     """
     if not grounds.terrains:
         raise TrainingError("no context is for shaping; give one of `contexts` the use Shaping")
+    run.check(grounds)
     normaliser = normaliser or Normaliser.over([terrain.ssv for terrain in grounds.terrains])
     dimensions = parameters(fleet, grounds.features)
     settings = fleet.reward_shaping

@@ -94,10 +94,12 @@ def train(fleet: Fleet, grounds: Grounds, reward: RewardModel, run: Run) -> SAMo
         run: Seed, workers, checkpoints. Killed and started again it goes on, and ends with the same result.
     Raises:
         TrainingError: there is no training context.
+        ModelError: the pre-trained model is for another SSV.
         FunctionError: Eval() failed.
     """
     if not grounds.terrains:
         raise TrainingError("no context is for training; give one of `contexts` the use Training")
+    run.check(grounds)
     settings = fleet.training
     total = settings.epochs * settings.periods
     checkpoint = run.checkpoint("candidates", fleet, grounds, reward)

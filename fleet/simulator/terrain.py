@@ -116,5 +116,14 @@ def _read(cache: Storage, path: str, label: str) -> NDArray[np.float64] | None:
             return np.asarray(arrays["ssv"], dtype=np.float64)
     except ObjectNotFound:
         return None
-    except (ValueError, KeyError, TypeError, OSError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error):  # torn, or of another program
+    except (
+        ValueError,
+        KeyError,
+        TypeError,
+        OSError,
+        EOFError,
+        NotImplementedError,
+        zipfile.BadZipFile,
+        zlib.error,
+    ):  # torn, or of another program
         return None

@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from pettingzoo.test import parallel_api_test, parallel_seed_test, seed_test
 from pettingzoo.utils.conversions import parallel_to_aec
 
@@ -84,7 +85,7 @@ def test_following_a_score_table_visits_what_the_reference_visits() -> None:
     np.testing.assert_allclose(list(gained.values()), expected)
 
 
-def batch_of(layout: Layout, scores: np.ndarray, rewards: np.ndarray) -> Batch:  # type: ignore[type-arg]  # shapes say enough here
+def batch_of(layout: Layout, scores: NDArray[np.float64], rewards: NDArray[np.float64]) -> Batch:
     return Batch(
         scores=scores[None],
         table=np.zeros((1, layout.agents), dtype=np.int64),

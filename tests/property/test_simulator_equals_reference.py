@@ -15,7 +15,7 @@ from fleet.energy.accounting import EnergyModel
 from fleet.energy.profiles import load_aircraft, load_edge
 from fleet.missions.layout import MOVES, Layout, plan_layout
 from fleet.simulator import reference
-from fleet.simulator.batch import Batch, Flown, Trace, fly
+from fleet.simulator.batch import Batch, Finished, Flown, Trace, fly
 from fleet.spec.swarm import Action, AgentSpec, GroupOrder, Groups, Start, StateSpace
 
 SEED = st.integers(0, 2**32 - 1)
@@ -99,7 +99,7 @@ def test_eval_in_flight_is_asked_the_same_and_lands_the_same(case: tuple[Layout,
     layout, batch = case
     asked: list[list[tuple[int, int, bytes]]] = [[], []]
 
-    def finished_of(log: list[tuple[int, int, bytes]]) -> object:
+    def finished_of(log: list[tuple[int, int, bytes]]) -> Finished:
         def finished(mission: int, agent: int, captured: NDArray[np.bool_]) -> bool:
             log.append((mission, agent, captured.tobytes()))
             return hashlib.blake2b(captured.tobytes()).digest()[0] % rarely == 0
@@ -107,8 +107,7 @@ def test_eval_in_flight_is_asked_the_same_and_lands_the_same(case: tuple[Layout,
         return finished
 
     compiled, plain = (
-        form(layout, batch, True, finished_of(log))  # type: ignore[operator]  # the two forms have one signature
-        for form, log in zip((fly, reference.fly), asked, strict=True)
+        form(layout, batch, True, finished_of(log)) for form, log in zip((fly, reference.fly), asked, strict=True)
     )
     assert_same(compiled, plain)
     assert asked[0] == asked[1]

@@ -21,9 +21,7 @@ def layout_of(
     valid: Sequence[str], group: tuple[int, int], start: tuple[int, int] | None = None, in_transit: bool = True
 ) -> Layout:
     grid = Grid(np.array([[letter == "x" for letter in row] for row in valid]))
-    space = StateSpace(
-        context="field", groups=Groups(rows=group[0], columns=group[1]), capture_in_transit=in_transit
-    )
+    space = StateSpace(context="field", groups=Groups(rows=group[0], columns=group[1]), capture_in_transit=in_transit)
     agent = AgentSpec(name="a", actions=CARDINAL, start=Start(row=start[0], column=start[1]) if start else None)
     return plan_layout(grid, space, [agent])
 
@@ -72,7 +70,12 @@ def test_ha_leaves_a_group_above_a_threshold_not_at_it() -> None:
     at = fly(Flight(layout, 0, Thresholds(utility=10.0, visited=2)), prefer=[EAST])
     assert [decision.cell for decision in at] == [0, 1, 2, 3]
     above = fly(Flight(layout, 0, Thresholds(utility=10.0, visited=1)), prefer=[EAST])
-    assert [(decision.cell, decision.legal != 0) for decision in above] == [(0, True), (1, False), (2, False), (3, False)]
+    assert [(decision.cell, decision.legal != 0) for decision in above] == [
+        (0, True),
+        (1, False),
+        (2, False),
+        (3, False),
+    ]
 
 
 def test_utility_counts_moves_and_not_the_take_off_cell() -> None:

@@ -60,7 +60,9 @@ def test_actions_are_sorted_and_named_once() -> None:
 
 
 def test_a_start_beyond_the_grid_is_refused() -> None:
-    with pytest.raises(MissionError, match=r"b: start row 4, column 0 is outside of the context's 4 rows and 6 columns"):
+    with pytest.raises(
+        MissionError, match=r"b: start row 4, column 0 is outside of the context's 4 rows and 6 columns"
+    ):
         plan_layout(FULL, space(), [agent("a"), agent("b", Start(row=4, column=0))])
 
 

@@ -50,6 +50,7 @@ class Page(HTMLParser):
         else:
             self.addresses += [value or "" for name, value in attrs if name in ("src", "href", "srcset", "action")]
         assert tag not in ("script", "link", "iframe", "object")
+        self.text += " "
 
     def handle_endtag(self, tag: str) -> None:
         assert self.open.pop() == tag
