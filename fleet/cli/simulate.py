@@ -45,6 +45,28 @@ class Policy:
     exploration: float
 
 
+@dataclass(frozen=True)
+class Flights:
+    """What many missions came to.
+
+    Args:
+        metrics: Of each mission.
+        steps: States visited by all agents of all missions.
+        decisions: Those of them in which SA was asked.
+        speed: States a second of the flights alone.
+    """
+
+    metrics: Sequence[Metrics]
+    steps: int
+    decisions: int
+    speed: float
+
+    @property
+    def asked_share(self) -> float:
+        """Share of the states in which SA was asked: with a small share, the policy hardly matters."""
+        return self.decisions / max(1, self.steps)
+
+
 def simulate(  # noqa: PLR0913, PLR0917 - the options of a command
     spec: Annotated[Path, typer.Argument(metavar="SPEC", help="The FleetSpec, a YAML file.")],
     missions: Annotated[int, typer.Option(min=1, max=100_000, help="How many missions.")] = 32,
@@ -81,11 +103,11 @@ def simulate(  # noqa: PLR0913, PLR0917 - the options of a command
     share = policy.exploration if exploration is None else exploration
     flown_by = Policy(policy.text, policy.table, policy.reward, share)
     chosen_seed = fleet_spec.spec.missions.seed if seed is None else seed
-    metrics, speed = _fly(bench, terrain, flown_by, missions, chosen_seed)
+    flights = _fly(bench, terrain, flown_by, missions, chosen_seed)
     if as_json:
-        console.say_json(_document(fleet_spec, flown_by, chosen_seed, metrics, speed))
+        console.say_json(_document(fleet_spec, flown_by, chosen_seed, flights))
     else:
-        _show(fleet_spec, flown_by, metrics, speed)
+        _show(fleet_spec, flown_by, flights)
 
 
 def _policy(spec: FleetSpec, terrain: Terrain, storage: str | None, model: Path | None) -> Policy:
@@ -137,31 +159,31 @@ def _quick_policy(spec: FleetSpec, terrain: Terrain) -> Policy:
     return Policy("random moves", np.zeros((len(terrain.ssv), len(MOVES))), reward, exploration=1.0)
 
 
-def _fly(bench: Workbench, terrain: Terrain, policy: Policy, missions: int, seed: int) -> tuple[list[Metrics], float]:
-    """Metrics of each mission, and the visited states a second of the flights alone."""
+def _fly(bench: Workbench, terrain: Terrain, policy: Policy, missions: int, seed: int) -> Flights:
     import numpy as np
 
-    from fleet.learning.score_tables import Flights, batch_of
+    from fleet.learning import score_tables
     from fleet.simulator.batch import fly
     from fleet.simulator.evaluation import evaluate_missions
 
     def batch_from(first: int, count: int) -> Batch:
-        return batch_of(policy.table, policy.reward, terrain, Flights(first, count, policy.exploration, seed))
+        draws = score_tables.Flights(first, count, policy.exploration, seed)
+        return score_tables.batch_of(policy.table, policy.reward, terrain, draws)
 
     names = [agent.name for agent in bench.agents]
     fly(terrain.layout, batch_from(1, 1))  # compiles, or loads what was compiled
     metrics: list[Metrics] = []
-    steps, spent_s = 0, 0.0
+    steps, decisions, spent_s = 0, 0, 0.0
     with console.progress("missions") as advance:
         for first in range(1, missions + 1, _CHUNK):
             batch = batch_from(first, min(_CHUNK, missions + 1 - first))
             started = time.perf_counter()
             flown = fly(terrain.layout, batch)
             spent_s += time.perf_counter() - started
-            steps += int(np.sum(flown.steps))
+            steps, decisions = steps + int(np.sum(flown.steps)), decisions + int(np.sum(flown.decisions))
             metrics += [one.metrics for one in evaluate_missions(terrain, flown, names, bench.energy, bench.evaluator)]
             advance(len(metrics), missions)
-    return metrics, steps / max(spent_s, 1e-9)
+    return Flights(metrics, steps, decisions, steps / max(spent_s, 1e-9))
 
 
 _CHUNK = 16
@@ -186,9 +208,10 @@ def _goals_met(spec: FleetSpec, metrics: Sequence[Metrics]) -> int:
     return sum(all(result.met for result in judge(spec.spec.goals, dict(one))) for one in metrics)
 
 
-def _show(spec: FleetSpec, policy: Policy, metrics: Sequence[Metrics], speed: float) -> None:
+def _show(spec: FleetSpec, policy: Policy, flights: Flights) -> None:
     from fleet.report import measures
 
+    metrics = flights.metrics
     console.say(f"{len(metrics)} missions over {spec.spec.state_space.context}, policy: {policy.text}")
     rows = [
         (measures.label(name), *(measures.text(name, row[column]) for column in ("mean", "min", "max")))
@@ -196,12 +219,11 @@ def _show(spec: FleetSpec, policy: Policy, metrics: Sequence[Metrics], speed: fl
     ]
     console.table(("metric", "mean", "least", "greatest"), rows)
     console.say(f"all goals met in {_goals_met(spec, metrics)} of {len(metrics)} missions")
-    console.say(f"{speed:,.0f} agent steps a second, without Eval()")
+    console.say(f"SA was asked in {flights.asked_share:.1%} of the states; elsewhere HA or the order of groups decided")
+    console.say(f"{flights.speed:,.0f} agent steps a second, without Eval()")
 
 
-def _document(
-    spec: FleetSpec, policy: Policy, seed: int, metrics: Sequence[Metrics], speed: float
-) -> dict[str, object]:
+def _document(spec: FleetSpec, policy: Policy, seed: int, flights: Flights) -> dict[str, object]:
     return {
         "context": spec.spec.state_space.context,
         "policy": policy.text,
@@ -209,8 +231,9 @@ def _document(
         "utility_threshold": policy.reward.utility_threshold,
         "visited_threshold": policy.reward.visited_threshold,
         "seed": seed,
-        "missions": len(metrics),
-        "goals_met": _goals_met(spec, metrics),
-        "metrics": _summary(metrics),
-        "steps_per_second": speed,
+        "missions": len(flights.metrics),
+        "goals_met": _goals_met(spec, flights.metrics),
+        "metrics": _summary(flights.metrics),
+        "asked_share": flights.asked_share,
+        "steps_per_second": flights.speed,
     }
