@@ -140,6 +140,7 @@ def _spaces(kind: SAKind, features: int) -> Any:
 
 
 def _import(module: str, kind: SAKind) -> Any:
+    """By name, so that types are checked alike where the extra is installed and where it is not."""
     try:
         return importlib.import_module(module)
     except ImportError as error:

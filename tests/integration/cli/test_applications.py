@@ -57,7 +57,12 @@ def test_a_new_application_flies_at_once(program: Program, tmp_path: Path) -> No
     assert flown.returncode == 0, flown.stderr
     assert (tmp_path / "out/report.html").is_file()
     again = program("report", tmp_path / "out", "--json")
-    assert [one["goals_met"] for one in json.loads(again.stdout)["missions"]] == [True, True]
+    missions = json.loads(again.stdout)["missions"]
+    assert [one["goals_met"] for one in missions] == [True, True]
+    spec, storage = tmp_path / "my-swarm/fleetspec.yaml", tmp_path / "out/storage"
+    simulated = json.loads(program("simulate", spec, "--storage", storage, "--missions", 1, "--json").stdout)
+    means = {name: row["mean"] for name, row in simulated["metrics"].items()}
+    assert {name: missions[0]["metrics"][name] for name in means} == pytest.approx(means, rel=1e-9)
 
 
 def test_two_applications_of_one_name_are_the_same(tmp_path: Path) -> None:
