@@ -29,6 +29,7 @@ class RichCells:
     """Eval() of the field; may be told to take its time, so that a test can interrupt it."""
 
     delay_s: float = 0.0
+    version: str = "1"
 
     def evaluate(self, fs: FeatureSpace, metrics: Metrics, agent: str = "") -> Evaluation:
         time.sleep(self.delay_s)

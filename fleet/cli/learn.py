@@ -18,12 +18,11 @@ from fleet.cli import console, inputs
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from fleet.learning.lessons import Lessons
     from fleet.learning.model import SAModel
     from fleet.learning.progress import Progress
     from fleet.learning.reward import RewardModel
-    from fleet.learning.run import Run
     from fleet.learning.workbench import Workbench
-    from fleet.spec.resources import FleetSpec
 
 _Spec = Annotated[Path, typer.Argument(metavar="SPEC", help="The FleetSpec, a YAML file.")]
 _Out = Annotated[
@@ -77,7 +76,7 @@ def train(
     reward = school.shape()
     last = school.train(reward)
     if as_json:
-        trained = {"loss": last.best_loss, "goals_met": last.goals_met}
+        trained = {"loss": last and last.best_loss, "goals_met": last and last.goals_met}
         rewarded = reward.model_dump(mode="json")
         console.say_json({"storage": school.bench.storage.uri, "reward": rewarded, "training": trained})
         return
@@ -90,35 +89,23 @@ def train(
 class _School:
     """Where shaping and training happen; results go where the roles look for them."""
 
-    spec: FleetSpec
     bench: Workbench
     pretrained: SAModel | None
     workers: int
 
     def shape(self) -> RewardModel:
-        from fleet.learning.shaping import shape as shaped
-        from fleet.spec.functions import ContextUse
+        with self._lessons("shaping the reward") as (lessons, _):
+            return lessons.shape()
 
-        grounds = self.bench.grounds(ContextUse.SHAPING)
-        with self._run(self.bench.paths.shaping, "shaping the reward") as (run, _):
-            reward = shaped(self.spec.spec, grounds, run)
-        self.bench.storage.write(self.bench.paths.reward, reward.model_dump_json(by_alias=True, indent=1).encode())
-        return reward
-
-    def train(self, reward: RewardModel) -> Progress:
-        from fleet.learning.training import train as trained
-        from fleet.spec.functions import ContextUse
-
-        grounds = self.bench.grounds(ContextUse.TRAINING)
-        with self._run(self.bench.paths.training, "training SA") as (run, news):
-            model = trained(self.spec.spec, grounds, reward, run)
-        self.bench.storage.write(self.bench.paths.initial_model, model.to_bytes())
-        return news[-1]
+    def train(self, reward: RewardModel) -> Progress | None:
+        with self._lessons("training SA") as (lessons, news):
+            lessons.train(reward)
+        return news[-1] if news else None
 
     @contextmanager
-    def _run(self, folder: str, text: str) -> Iterator[tuple[Run, list[Progress]]]:
-        """A run that shows its progress, and all its news."""
-        from fleet.learning.run import Run
+    def _lessons(self, text: str) -> Iterator[tuple[Lessons, list[Progress]]]:
+        """Lessons that show their progress, and all their news."""
+        from fleet.learning.lessons import Lessons
 
         news: list[Progress] = []
         with console.progress(text) as advance:
@@ -127,8 +114,7 @@ class _School:
                 news.append(progress)
                 advance(progress.done, progress.total)
 
-            seed = self.spec.spec.missions.seed
-            yield Run(self.bench.storage, folder, seed, self.workers, self.pretrained, listener=listen), news
+            yield Lessons(self.bench, self.pretrained, self.workers, listen), news
         for message in dict.fromkeys(progress.message for progress in news if progress.message):
             console.note(message)
 
@@ -148,7 +134,7 @@ def _school(spec: Path, out: Path | None, seed: int | None, workers: int | None,
     storage.write(bench.paths.fleet_spec, document.encode())
     pretrained = fleet_spec.spec.sa.pretrained
     model = load_model(inputs.read_beside(spec, pretrained)) if pretrained else None
-    return _School(fleet_spec, bench, model, workers or len(os.sched_getaffinity(0)))
+    return _School(bench, model, workers or len(os.sched_getaffinity(0)))
 
 
 def _show_reward(reward: RewardModel) -> None:
@@ -162,7 +148,9 @@ def _show_reward(reward: RewardModel) -> None:
     console.say(shaping_sentence_of(reward))
 
 
-def _trained_sentence(last: Progress) -> str:
+def _trained_sentence(last: Progress | None) -> str:
+    if last is None:
+        return "SA is the pre-trained model: no context is for training"
     loss = "unknown" if last.best_loss is None else f"{last.best_loss:.4g}"
     met = "meets every goal" if last.goals_met else "does not meet every goal"
     return f"SA is trained: {last.total} candidates; the best {met} on the training contexts, its loss is {loss}"

@@ -72,7 +72,9 @@ class _MapBackend(Protocol):
 
 
 class _EvalBackend(Protocol):
-    """Where an Eval() runs. `answer` raises CallError or FunctionError."""
+    """Where an Eval() runs. Every method raises CallError or FunctionError."""
+
+    def version(self) -> str: ...
 
     def answer(self, fs: FeatureSpace, metrics: Metrics) -> object: ...
 
@@ -115,6 +117,9 @@ class _LocalMap:
 class _LocalEval:
     def __init__(self, function: _LocalFunction) -> None:
         self._function = function
+
+    def version(self) -> str:
+        return version_of(self._function.load())
 
     def answer(self, fs: FeatureSpace, metrics: Metrics) -> object:
         return self._function.call(fs, metrics)
@@ -175,6 +180,9 @@ class _RemoteEval:
     def __init__(self, function: _RemoteFunction) -> None:
         self._function = function
 
+    def version(self) -> str:
+        return str(self._function.describe().get("version", ""))
+
     def answer(self, fs: FeatureSpace, metrics: Metrics) -> object:
         message = wire.encode_evaluation_request(fs, metrics)
         answer = self._function.post("/eval", message, wire.MAX_EVALUATION_BYTES)
@@ -231,6 +239,11 @@ class _Eval:
         self._backend = backend
         self._retries = retries
         self._clock = clock or SystemClock()
+
+    @property
+    def version(self) -> str:
+        """Changes when Eval() may say something else of the same mission."""
+        return attempt(self._backend.version, self._retries, CallSite(self._reference), self._clock)
 
     def evaluate(self, fs: FeatureSpace, metrics: Metrics, agent: str = "") -> Evaluation:
         """Evaluate a mission, or one agent's part of it."""

@@ -150,6 +150,10 @@ class MapClient(Protocol):
 class EvalClient(Protocol):
     """Eval(), wherever it runs; every answer is checked."""
 
+    @property
+    def version(self) -> str:
+        """Changes when Eval() may say something else of the same mission."""
+
     def evaluate(self, fs: FeatureSpace, metrics: Metrics, agent: str = "") -> Evaluation:
         """Evaluate a mission, or one agent's part of it.
 

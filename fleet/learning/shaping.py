@@ -113,6 +113,19 @@ def shape(fleet: Fleet, grounds: Grounds, run: Run, normaliser: Normaliser | Non
     return reward.model_copy(update={"evaluations": len(trials), "successes": sum(t.goals_met for t in trials)})
 
 
+def given_reward(fleet: Fleet, features: Sequence[str], normaliser: Normaliser) -> RewardModel:
+    """The reward of a FleetSpec that gives every weight and threshold, and so has nothing to shape.
+
+    Raises:
+        TrainingError: something is left to shape, but no context is for that.
+    """
+    dimensions = parameters(fleet, features)
+    if not all(dimension.fixed for dimension in dimensions):
+        raise TrainingError("no context is for shaping; give one of `contexts` the use Shaping")
+    point = tuple(dimension.low for dimension in dimensions)
+    return reward_of(features, normaliser, Trial(0, point, loss=0.0, goals_met=False))
+
+
 def parameters(fleet: Fleet, features: Sequence[str]) -> tuple[Dimension, ...]:
     """Weight of each feature, T_u and T_v, with their ranges; what the FleetSpec gives is fixed.
 

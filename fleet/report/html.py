@@ -100,14 +100,13 @@ def shaping_sentence(run: RunData) -> str:
 
 def shaping_sentence_of(reward: RewardModel) -> str:
     """Whether the goals were met in simulation, and by how many parameter sets."""
+    if not reward.evaluations:
+        return "Nothing was shaped: the FleetSpec gives every weight and threshold."
     if reward.goals_met:
-        found = (
-            f"{reward.successes} of {reward.evaluations} parameter sets" if reward.evaluations else "A parameter set"
-        )
+        found = f"{reward.successes} of {reward.evaluations} parameter sets"
         return f"{found} met every goal on every shaping context in simulation; the one of least cost is used."
-    none = f"None of {reward.evaluations} parameter sets" if reward.evaluations else "No parameter set"
     return (
-        f"{none} met all goals on all shaping contexts in simulation. The best one seen is used; "
+        f"None of {reward.evaluations} parameter sets met all goals on all shaping contexts in simulation. The best one seen is used; "
         f"its loss is {reward.loss:.4g}. Missions may miss their goals."
     )
 

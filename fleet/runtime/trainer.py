@@ -7,18 +7,14 @@ from pathlib import Path
 
 from fleet.errors import MissionError, ModelError, ObjectNotFound
 from fleet.functions.clients import open_eval, open_map
+from fleet.learning.lessons import Lessons
 from fleet.learning.model import SAModel
 from fleet.learning.models import load_model
-from fleet.learning.practice import Grounds
 from fleet.learning.progress import Progress
-from fleet.learning.reward import Normaliser, RewardModel
-from fleet.learning.run import Run
-from fleet.learning.shaping import shape
-from fleet.learning.training import train
-from fleet.learning.workbench import Workbench, open_workbench
+from fleet.learning.reward import RewardModel
+from fleet.learning.workbench import open_workbench
 from fleet.runtime.settings import Settings
 from fleet.runtime.weighing import weigh
-from fleet.spec.functions import ContextUse
 from fleet.storage.open import open_storage
 
 _log = logging.getLogger(__name__)
@@ -46,24 +42,11 @@ def prepare(settings: Settings) -> None:
     map_client = open_map(fleet.map, settings.map_url)
     bench = open_workbench(fleet, storage, paths, map_client, open_eval(fleet.eval, settings.eval_url))
     pretrained = read_pretrained(fleet.sa.pretrained) if fleet.sa.pretrained else None
-    seed = fleet.missions.seed
+    lessons = Lessons(bench, pretrained, settings.workers, _tell)
     if not storage.exists(paths.reward):
-        known = [*bench.terrains(ContextUse.SHAPING), *bench.terrains(ContextUse.TRAINING)]
-        normaliser = Normaliser.over([terrain.ssv for terrain in known])
-        run = Run(storage, paths.shaping, seed, settings.workers, pretrained, listener=_tell)
-        reward = shape(fleet, grounds_of(bench, ContextUse.SHAPING), run, normaliser)
-        storage.write(paths.reward, reward.model_dump_json(by_alias=True, indent=1).encode())
-    reward = RewardModel.model_validate_json(storage.read(paths.reward))
+        lessons.shape()
     if not storage.exists(paths.initial_model):
-        run = Run(storage, paths.training, seed, settings.workers, pretrained, listener=_tell)
-        model = train(fleet, grounds_of(bench, ContextUse.TRAINING), reward, run)
-        storage.write(paths.initial_model, model.to_bytes())
-
-
-def grounds_of(bench: Workbench, use: ContextUse) -> Grounds:
-    """What missions are simulated over for one use of contexts."""
-    agents = tuple(agent.name for agent in bench.agents)
-    return Grounds(bench.terrains(use), agents, bench.energy, bench.evaluator)
+        lessons.train(RewardModel.model_validate_json(storage.read(paths.reward)))
 
 
 def read_pretrained(reference: str) -> SAModel:

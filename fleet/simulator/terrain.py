@@ -82,13 +82,15 @@ def survey(
         StorageError: the cache cannot be read or written.
     """
     environment = context.environment
+    cells = np.flatnonzero(environment.grid.valid)
+    if len(cells):  # a Map() that declares no features is known by its first answer
+        map_client.map(context.observe(int(cells[0])))
     label = _label(environment, map_client)
     if cache is not None:
         found = _read(cache, cache_path, label)
         if found is not None and found.shape == (environment.grid.cells, len(map_client.features)):
             return found
     ssv = np.full((environment.grid.cells, len(map_client.features)), np.nan)
-    cells = np.flatnonzero(environment.grid.valid)
     for done, cell in enumerate(cells.tolist(), start=1):
         ssv[cell] = map_client.map(context.observe(cell))
         if progress is not None:

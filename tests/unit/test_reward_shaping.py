@@ -150,6 +150,8 @@ def test_a_pretrained_model_for_another_ssv_is_refused(tmp_path: Path) -> None:
 class BrokenEval:
     """Fails as a user's Eval() does, after the retries of its client."""
 
+    version = "1"
+
     def evaluate(self, fs: FeatureSpace, metrics: Metrics, agent: str = "") -> Evaluation:
         raise FunctionError("raised ValueError", CallSite("field:evaluate", agent, f"{len(fs)} states"))
 

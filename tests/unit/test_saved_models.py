@@ -81,7 +81,7 @@ def test_something_else_than_a_model_is_refused() -> None:
 
 
 def test_a_model_for_another_ssv_is_refused_by_name() -> None:
-    with pytest.raises(ModelError, match="expects the features exg, lai, but Map.. gives exg, blur"):
+    with pytest.raises(ModelError, match=r"expects the features exg, lai, but Map.. gives exg, blur"):
         load_model(trained().to_bytes(), ("exg", "blur"))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -104,6 +105,7 @@ def test_counts_are_what_accounting_takes() -> None:
 class Recording:
     """Eval() that keeps what it was asked."""
 
+    version: ClassVar[str] = "1"
     asked: list[tuple[FeatureSpace, Metrics]] = field(default_factory=list)
 
     def evaluate(self, fs: FeatureSpace, metrics: Metrics, agent: str = "") -> Evaluation:

@@ -1,0 +1,85 @@
+"""Reward shaping and first training of a fleet, from its workbench to the objects in storage that roles read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from fleet.errors import TrainingError
+from fleet.learning.model import SAModel
+from fleet.learning.progress import Listener, nobody
+from fleet.learning.reward import Normaliser, RewardModel
+from fleet.learning.run import Run
+from fleet.learning.shaping import given_reward, shape
+from fleet.learning.training import train
+from fleet.learning.workbench import Workbench
+from fleet.spec.functions import ContextUse
+
+
+@dataclass(frozen=True)
+class Lessons:
+    """How a fleet learns before its first mission.
+
+    Args:
+        bench: The fleet's contexts, Map() and Eval().
+        pretrained: SA to start from; blank when None.
+        workers: Worker processes; the result does not depend on it.
+        listener: Told about progress.
+    """
+
+    bench: Workbench
+    pretrained: SAModel | None = None
+    workers: int = 1
+    listener: Listener = nobody
+
+    def shape(self) -> RewardModel:
+        """Find the reward, and write it to storage. Killed and started again it goes on, with the same result.
+
+        Raises:
+            TrainingError: there is nothing to learn from.
+            FunctionError: Map() or Eval() failed.
+        """
+        bench = self.bench
+        normaliser = self._normaliser()
+        if bench.fleet.contexts_for(ContextUse.SHAPING):
+            grounds = bench.grounds(ContextUse.SHAPING)
+            reward = shape(bench.fleet, grounds, self._run(bench.paths.shaping), normaliser)
+        else:
+            reward = given_reward(bench.fleet, bench.map_client.features, normaliser)
+        bench.storage.write(bench.paths.reward, reward.model_dump_json(by_alias=True, indent=1).encode())
+        return reward
+
+    def train(self, reward: RewardModel) -> SAModel:
+        """Train the first SA, and write it to storage; a pre-trained one stays as it is without training contexts.
+
+        Raises:
+            TrainingError: there is nothing to learn from.
+            FunctionError: Map() or Eval() failed.
+        """
+        bench = self.bench
+        if self.pretrained is not None and not bench.fleet.contexts_for(ContextUse.TRAINING):
+            model = self.pretrained
+        else:
+            model = train(bench.fleet, bench.grounds(ContextUse.TRAINING), reward, self._run(bench.paths.training))
+        bench.storage.write(bench.paths.initial_model, model.to_bytes())
+        return model
+
+    def _normaliser(self) -> Normaliser:
+        """Over all that the fleet learns from; what it flies over is not known yet."""
+        terrains = [*self.bench.terrains(ContextUse.SHAPING), *self.bench.terrains(ContextUse.TRAINING)]
+        if not terrains:
+            raise TrainingError(
+                "no context is for Shaping or Training, so the features' ranges are not known; give one"
+            )
+        return Normaliser.over([terrain.ssv for terrain in terrains])
+
+    def _run(self, folder: str) -> Run:
+        bench = self.bench
+        return Run(
+            bench.storage,
+            folder,
+            bench.fleet.missions.seed,
+            self.workers,
+            self.pretrained,
+            version=bench.evaluator.version,
+            listener=self.listener,
+        )
