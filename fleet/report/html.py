@@ -106,8 +106,8 @@ def shaping_sentence_of(reward: RewardModel) -> str:
         found = f"{reward.successes} of {reward.evaluations} parameter sets"
         return f"{found} met every goal on every shaping context in simulation; the one of least cost is used."
     return (
-        f"None of {reward.evaluations} parameter sets met all goals on all shaping contexts in simulation. The best one seen is used; "
-        f"its loss is {reward.loss:.4g}. Missions may miss their goals."
+        f"None of {reward.evaluations} parameter sets met all goals on all shaping contexts in simulation. "
+        f"The best one seen is used; its loss is {reward.loss:.4g}. Missions may miss their goals."
     )
 
 

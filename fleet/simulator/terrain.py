@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleet.contexts.base import Context, Environment
-from fleet.errors import ObjectNotFound
+from fleet.errors import FunctionError, ObjectNotFound
 from fleet.functions.contract import MapClient
 from fleet.missions.layout import Layout, plan_layout
 from fleet.spec.swarm import AgentSpec, StateSpace
@@ -83,14 +83,17 @@ def survey(
     """
     environment = context.environment
     cells = np.flatnonzero(environment.grid.valid)
-    if len(cells):  # a Map() that declares no features is known by its first answer
+    try:
+        features = map_client.features
+    except FunctionError:  # a Map() that declares no features is known by its first answer
         map_client.map(context.observe(int(cells[0])))
+        features = map_client.features
     label = _label(environment, map_client)
     if cache is not None:
         found = _read(cache, cache_path, label)
-        if found is not None and found.shape == (environment.grid.cells, len(map_client.features)):
+        if found is not None and found.shape == (environment.grid.cells, len(features)):
             return found
-    ssv = np.full((environment.grid.cells, len(map_client.features)), np.nan)
+    ssv = np.full((environment.grid.cells, len(features)), np.nan)
     for done, cell in enumerate(cells.tolist(), start=1):
         ssv[cell] = map_client.map(context.observe(cell))
         if progress is not None:

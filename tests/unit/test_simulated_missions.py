@@ -77,11 +77,8 @@ def test_no_missions_are_no_problem() -> None:
 
 
 def test_groups_wider_than_a_word_are_refused() -> None:
-    space = StateSpace.model_construct(
-        context="field",
-        groups=Groups.model_construct(rows=1, columns=65, order=GroupOrder.ROW_MAJOR),
-        capture_in_transit=True,
-    )
+    groups = Groups.model_construct(rows=1, columns=65, order=GroupOrder.ROW_MAJOR)
+    space = StateSpace.model_construct(context="field", groups=groups, capture_in_transit=True)
     grid = Grid(np.ones((1, 65), dtype=np.bool_))
     layout = plan_layout(grid, space, [AgentSpec(name="a", actions=CARDINAL)])
     with pytest.raises(MissionError, match="at most 64 columns"):

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from fleet.contexts.base import ContextKind, Environment, Observation
 from fleet.contexts.grid import Grid
+from fleet.functions.clients import open_map
 from fleet.simulator.terrain import Terrain, survey
+from fleet.spec.functions import MapSpec
 from fleet.spec.swarm import CARDINAL, AgentSpec, StateSpace
 from fleet.storage.local import LocalStorage
 
@@ -83,6 +85,15 @@ def test_other_content_is_mapped_anew(storage: LocalStorage, context: Numbered, 
     assert mapper.asked == [0, 2, 3, 4]
     survey(context, mapper, storage, PATH)
     assert mapper.asked == [0, 2, 3, 4]
+
+
+def test_a_map_that_declares_no_features_is_known_by_its_first_answer(
+    storage: LocalStorage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "plain_map.py").write_text("def plain(observation):\n    return {'a': observation.state, 'b': 1.0}\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    ssv = survey(Numbered(), open_map(MapSpec(function="plain_map:plain")), storage, PATH)
+    assert ssv[[0, 2, 3, 4]].tolist() == [[0.0, 1.0], [2.0, 1.0], [3.0, 1.0], [4.0, 1.0]]
 
 
 def broken(data: bytes) -> Sequence[bytes]:
