@@ -78,6 +78,10 @@ class Context(Protocol):
     def environment(self) -> Environment:
         """Grid, name, digest and truth."""
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a user of the context should be told, such as that its pictures were not taken but drawn."""
+
     def observe(self, state: int) -> Observation:
         """What a sensor would observe in a state.
 

@@ -143,8 +143,9 @@ class Run:
         """
         application = self._application
         application.copy_contexts(application.storage)
-        for context in application.fleet.contexts:
-            load_context(application.storage, application.paths.context(context.name))
+        for spec in application.fleet.contexts:
+            for remark in load_context(application.storage, application.paths.context(spec.name)).remarks:
+                self._display.note(f"  {remark}")
         document = application.spec.model_dump_json(by_alias=True, indent=1, exclude_none=True)
         application.storage.write(application.paths.fleet_spec, document.encode())
         self._machine.apply([*priority_classes(), *function_sources(self._target)])
