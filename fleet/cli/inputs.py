@@ -85,7 +85,7 @@ def open_bench(spec: FleetSpec, file: Path, storage: Storage, overrides: Mapping
     copy_contexts(spec, file.parent, storage, overrides)
     sys.path.insert(0, str(file.parent.absolute()))
     map_client, eval_client = open_map(spec.spec.map), open_eval(spec.spec.eval)
-    return open_workbench(spec.spec, storage, paths, map_client, eval_client)
+    return open_workbench(spec.spec, storage, paths, map_client, eval_client, folder=file.parent)
 
 
 def copy_contexts(spec: FleetSpec, beside: Path, storage: Storage, overrides: Mapping[str, Path]) -> None:

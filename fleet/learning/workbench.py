@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from fleet.contexts.base import Context
 from fleet.contexts.grid import Grid
@@ -32,6 +33,7 @@ class Workbench:
         storage, paths: Where contexts are, and where SSVs are cached by content.
         map_client, evaluator: Map() and Eval().
         progress: Told while Map() runs over a context.
+        folder: Where the FleetSpec's own files are; the working directory when left out, as in a pod.
     """
 
     fleet: Fleet
@@ -40,6 +42,7 @@ class Workbench:
     map_client: MapClient
     evaluator: EvalClient
     progress: Progress | None = None
+    folder: Path | None = None
     _terrains: dict[str, Terrain] = field(default_factory=dict, init=False, repr=False)
 
     @property
@@ -50,7 +53,7 @@ class Workbench:
     @property
     def energy(self) -> EnergyModel:
         """Energy and time of aircraft and edge machine."""
-        return energy_model(self.fleet)
+        return energy_model(self.fleet, self.folder)
 
     def terrain(self, name: str) -> Terrain:
         """The terrain of a context.
@@ -92,9 +95,10 @@ def open_workbench(
     eval_client: EvalClient,
     *,
     progress: Progress | None = None,
+    folder: Path | None = None,
 ) -> Workbench:
     """A workbench over contexts that were copied into storage."""
-    return Workbench(fleet, storage, paths, map_client, eval_client, progress)
+    return Workbench(fleet, storage, paths, map_client, eval_client, progress, folder)
 
 
 def _placed(agent: AgentSpec, grid: Grid) -> AgentSpec:

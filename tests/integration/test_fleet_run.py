@@ -184,6 +184,23 @@ def test_other_functions_and_contexts_are_other_runs_but_more_memory_is_not(tmp_
         fly(changed)
 
 
+def test_what_was_trained_alone_is_gone_over_again_and_flown(tmp_path: Path) -> None:
+    fleet, display = application(tmp_path, missions=1), Recorder()
+    fleet.storage.write(fleet.paths.fleet_spec, fleet.spec.model_dump_json(by_alias=True).encode())
+    for path in (fleet.paths.reward, fleet.paths.initial_model):
+        fleet.storage.write(path, b"of functions that may have changed since")
+    assert len(fly(fleet, display).missions) == 1
+    assert display.phases[:3] == PHASES[:3]
+    assert fleet.storage.read(fleet.paths.initial_model) == b"model"
+
+
+def test_missions_without_their_ledger_are_not_gone_on_with(tmp_path: Path) -> None:
+    run(tmp_path, missions=1)
+    (tmp_path / "out" / "run.json").unlink()
+    with pytest.raises(OtherRun, match="differs in the functions, context field"):
+        run(tmp_path, missions=2)
+
+
 def test_a_context_that_is_not_there_or_not_good_is_told_before_anything_runs(tmp_path: Path) -> None:
     fleet = application(tmp_path)
     (fleet.file.parent / "field" / "features.parquet").write_bytes(b"not parquet")

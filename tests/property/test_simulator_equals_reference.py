@@ -53,7 +53,9 @@ def batches(draw: st.DrawFn, layout: Layout) -> Batch:
     if draw(st.booleans()):
         scores = np.round(scores)  # many equal ones
     scores[:, blank] = np.nan
-    reward = generator.random((rewards, layout.grid.cells))
+    reward = generator.random((rewards, layout.grid.cells)) - draw(st.sampled_from([0.0, 0.3]))
+    if draw(st.booleans()):
+        reward = np.round(reward * 2) / 2  # sums that are equal to thresholds
     reward[:, blank] = np.nan
     return Batch(
         scores=scores,

@@ -143,6 +143,9 @@ def only_run(out: Path) -> Iterator[None]:
 def check_same(application: Application, identity: dict[str, str]) -> None:
     """Refuse to go on with the run of something else.
 
+    What `fleet shape` and `fleet train` left has no run.json, and so says nothing of functions and contexts. Its reward
+    and model are made again: the trainer goes on from their checkpoints, which hold all of it if nothing has changed.
+
     Raises:
         OtherRun: names what differs and what to do.
     """
@@ -153,13 +156,19 @@ def check_same(application: Application, identity: dict[str, str]) -> None:
         known = {**known, **spec_identity(FleetSpec.model_validate_json(stored))}
     except (ObjectNotFound, ValidationError):  # never written, or by another version: it is written anew
         pass
-    different = [name for name in {**known, **identity} if known and known.get(name) != identity.get(name)]
+    paths = application.paths
+    only_trained = before is None and not application.storage.list(f"{paths.root}/missions")
+    compared = known if only_trained else {**known, **identity}
+    different = [name for name in compared if known and known.get(name) != identity.get(name)]
     if different:
         where = application.out if before is not None else application.storage.uri
         raise OtherRun(
             f"{where} has a run that differs in {', '.join(different)}; "
             "choose another folder with --out, or remove that run with --fresh"
         )
+    if only_trained:
+        for path in (paths.reward, paths.initial_model):
+            application.storage.delete(path)
 
 
 def remove_run(application: Application) -> None:

@@ -13,6 +13,7 @@ from typer.testing import Result
 
 from fleet.cli.scaffold.application import make_application, module_of
 from fleet.errors import SpecError
+from tests.conftest import ROOT
 
 Invoke = Callable[..., Result]
 Program = Callable[..., subprocess.CompletedProcess[str]]
@@ -161,6 +162,18 @@ def test_another_field_takes_the_place_of_a_context(invoke: Invoke, my_swarm: Pa
     here = json.loads(invoke("simulate", my_swarm, "--missions", 1, "--json").stdout)
     there = json.loads(invoke("simulate", my_swarm, "--missions", 1, "--json", "--context", f"field={practice}").stdout)
     assert here["metrics"]["mae"] != there["metrics"]["mae"]
+
+
+def test_profiles_are_looked_for_beside_the_fleetspec(invoke: Invoke, my_swarm: Path) -> None:
+    built_in = (ROOT / "fleet/energy/profiles.yaml").read_text()
+    (my_swarm.parent / "own.yaml").write_text(built_in)
+    text = my_swarm.read_text()
+    before = json.loads(invoke("simulate", my_swarm, "--missions", 1, "--json").stdout)
+    my_swarm.write_text(text.replace("agents: {", "agents: {energyProfile: own.yaml#spark-survey, "))
+    assert "own.yaml" in my_swarm.read_text()
+    done = invoke("simulate", my_swarm, "--missions", 1, "--json")
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout) == before
 
 
 @pytest.mark.parametrize(
