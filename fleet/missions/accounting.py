@@ -2,8 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from fleet.energy.accounting import EnergyModel, FlightCounts
 from fleet.functions.contract import AgentMetrics
+from fleet.missions.layout import MOVES
+from fleet.missions.records import Record
+
+
+def counts_of(records: Sequence[Record]) -> FlightCounts:
+    """What an agent did, by its log."""
+    moves = [record.move for record in records]
+    return FlightCounts(
+        moves=tuple(moves.count(move) for move in range(len(MOVES))),
+        captures=sum(record.captured for record in records),
+        decisions=sum(record.legal != 0 for record in records),
+        steps=len(records),
+    )
 
 
 def agent_metrics(agent: str, counts: FlightCounts, energy: EnergyModel, groups: int, explored: int) -> AgentMetrics:

@@ -100,24 +100,25 @@ class Pilot:
         flight, odometer = self.flight, self.odometer
         cell = flight.cell
         odometer.arrive()
+        arrived_s = odometer.time_s
         if ssv is not None:
             self.memory[cell] = ssv
             odometer.capture()
-        time_s, energy_j = odometer.time_s, odometer.energy_j
+        energy_j = odometer.energy_j
         reward = float(self._reward.reward(ssv[None])[0]) if ssv is not None else 0.0
         decision = flight.decide(lambda: self._scores(cell), reward, finished)
         if decision.legal:
             odometer.decide()
         if decision.move != LAND:
             odometer.move(decision.move)
-        return self._record(decision, ssv, time_s, energy_j)
+        return self._record(decision, ssv, arrived_s, energy_j)
 
     def _scores(self, cell: int) -> list[float]:
         rows = {key: model.scores(self.memory[cell][None]) for key, model in self._models.items()}
         scores: list[float] = blend(rows, self._weights)[0].tolist()
         return scores
 
-    def _record(self, decision: Decision, ssv: NDArray[np.float64] | None, time_s: float, energy_j: float) -> Record:
+    def _record(self, decision: Decision, ssv: NDArray[np.float64] | None, arrived_s: float, energy_j: float) -> Record:
         row, column = self.flight.layout.grid.position(decision.cell)
         return Record(
             step=decision.step,
@@ -129,7 +130,7 @@ class Pilot:
             legal=decision.legal,
             move=decision.move,
             action="Land" if decision.move == LAND else str(MOVES[decision.move]),
-            time_s=time_s,
+            time_s=arrived_s,
             uav_energy_j=energy_j,
         )
 

@@ -8,12 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fleet.energy.accounting import Cost
 from fleet.functions.clients import open_eval, open_map
 from fleet.learning.models import load_model
 from fleet.learning.reward import RewardModel
 from fleet.learning.score_tables import Flights, batch_of, score_table
 from fleet.learning.workbench import open_workbench
-from fleet.missions.documents import INITIAL, MissionEvaluation
+from fleet.missions.documents import INITIAL, Landing, MissionEvaluation
+from fleet.missions.flight import LAND
+from fleet.missions.layout import MOVES
 from fleet.missions.records import read_log
 from fleet.simulator.batch import fly
 from fleet.simulator.evaluation import evaluate_missions
@@ -49,6 +52,15 @@ def test_flown_and_simulated_mission_are_the_same(undisturbed: Path, monkeypatch
         for record in records:
             if record.captured:
                 np.testing.assert_array_equal(record.ssv, terrain.ssv[record.cell])
+        spent = bench.energy.take_off()
+        for record in records:
+            assert record.time_s == pytest.approx(spent.time_s), "the time of arrival"
+            spent += bench.energy.capture() if record.captured else Cost()
+            assert record.uav_energy_j == pytest.approx(spent.energy_j), "up to and including the capture"
+            spent += bench.energy.decision() if record.legal else Cost()
+            spent += bench.energy.move(MOVES[record.move]) if record.move != LAND else bench.energy.land()
+        metrics = Landing.model_validate_json(storage.read(PATHS.landing(1, name))).metrics
+        assert (metrics.time_s, metrics.uav_energy_j) == pytest.approx((spent.time_s, spent.energy_j))
     written = MissionEvaluation.model_validate_json(storage.read(PATHS.evaluation(1)))
     # Kriging solves with as many threads as a process may have, and sums in another order with each number of them.
     assert written.metrics == pytest.approx(dict(evaluation.metrics), rel=1e-12)
