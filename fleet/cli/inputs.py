@@ -70,8 +70,14 @@ def cache_uri(spec: Path) -> str:
     return (base / "fleet" / digest).absolute().as_uri()
 
 
-def open_bench(spec: FleetSpec, file: Path, storage: Storage, overrides: Mapping[str, Path]) -> Workbench:
+def open_bench(
+    spec: FleetSpec, file: Path, storage: Storage, overrides: Mapping[str, Path], advance: console.Advance | None = None
+) -> Workbench:
     """A workbench over the contexts of a FleetSpec, copied into storage; its functions run in this process.
+
+    Args:
+        file: The FleetSpec's file; its functions and profiles are beside it.
+        advance: Told while Map() runs over a context.
 
     Raises:
         ContextError: a context is not there, or not a good one.
@@ -79,13 +85,13 @@ def open_bench(spec: FleetSpec, file: Path, storage: Storage, overrides: Mapping
         SpecError: `--context` names a context that the FleetSpec has not.
     """
     from fleet.functions.clients import open_eval, open_map
-    from fleet.learning.workbench import open_workbench
+    from fleet.learning.workbench import Workbench
 
     paths = paths_of(spec)
     copy_contexts(spec, file.parent, storage, overrides)
     sys.path.insert(0, str(file.parent.absolute()))
     map_client, eval_client = open_map(spec.spec.map), open_eval(spec.spec.eval)
-    return open_workbench(spec.spec, storage, paths, map_client, eval_client, folder=file.parent)
+    return Workbench(spec.spec, storage, paths, map_client, eval_client, advance, file.parent)
 
 
 def copy_contexts(spec: FleetSpec, beside: Path, storage: Storage, overrides: Mapping[str, Path]) -> None:

@@ -121,6 +121,7 @@ class _School:
 
 def _school(spec: Path, out: Path | None, seed: int | None, workers: int | None, context: Sequence[str]) -> _School:
     from fleet.learning.models import load_model
+    from fleet.spec.functions import ContextUse
     from fleet.storage.local import LocalStorage
 
     fleet_spec = inputs.read_spec(spec)
@@ -129,7 +130,10 @@ def _school(spec: Path, out: Path | None, seed: int | None, workers: int | None,
         fleet_spec = fleet_spec.model_copy(update={"spec": fleet_spec.spec.model_copy(update={"missions": missions})})
     folder = out or Path("fleet-out") / fleet_spec.name
     storage = LocalStorage(folder / "storage")
-    bench = inputs.open_bench(fleet_spec, spec, storage, inputs.read_overrides(context))
+    with console.progress("mapping states") as advance:
+        bench = inputs.open_bench(fleet_spec, spec, storage, inputs.read_overrides(context), advance)
+        for use in (ContextUse.SHAPING, ContextUse.TRAINING):
+            bench.terrains(use)  # now, while the bar is there; both steps find them in the bench
     document = fleet_spec.model_dump_json(by_alias=True, indent=1, exclude_none=True)
     storage.write(bench.paths.fleet_spec, document.encode())
     pretrained = fleet_spec.spec.sa.pretrained

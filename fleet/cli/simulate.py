@@ -97,8 +97,9 @@ def simulate(  # noqa: PLR0913, PLR0917 - the options of a command
     fleet_spec = inputs.read_spec(spec)
     overrides = inputs.read_overrides(context or [])
     cache = open_storage(inputs.cache_uri(spec))
-    bench = inputs.open_bench(fleet_spec, spec, cache, overrides)
-    terrain = bench.terrain(fleet_spec.spec.state_space.context)
+    with console.progress("mapping states") as advance:
+        bench = inputs.open_bench(fleet_spec, spec, cache, overrides, advance)
+        terrain = bench.terrain(fleet_spec.spec.state_space.context)
     policy = _policy(fleet_spec, terrain, storage, model)
     share = policy.exploration if exploration is None else exploration
     flown_by = Policy(policy.text, policy.table, policy.reward, share)

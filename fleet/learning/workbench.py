@@ -93,12 +93,9 @@ def open_workbench(
     paths: FleetPaths,
     map_client: MapClient,
     eval_client: EvalClient,
-    *,
-    progress: Progress | None = None,
-    folder: Path | None = None,
 ) -> Workbench:
-    """A workbench over contexts that were copied into storage."""
-    return Workbench(fleet, storage, paths, map_client, eval_client, progress, folder)
+    """A workbench over contexts that were copied into storage, as in a pod."""
+    return Workbench(fleet, storage, paths, map_client, eval_client)
 
 
 def _placed(agent: AgentSpec, grid: Grid) -> AgentSpec:

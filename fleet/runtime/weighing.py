@@ -20,7 +20,7 @@ from fleet.runtime.evaluation import read_logs
 from fleet.runtime.settings import Settings
 from fleet.usefulness.belief import believed_ssv
 from fleet.usefulness.history import History, Observation
-from fleet.usefulness.loss import Effort, MissionLoss, effort, full_energy_j, part_cells
+from fleet.usefulness.loss import Effort, MissionLoss, effort, full_energy_j, part_cells, thorough_costs
 from fleet.usefulness.replay import Replayer
 from fleet.usefulness.weights import propose_weights, usefulness
 
@@ -113,13 +113,14 @@ class _Flown:
     def _loss_of(self, layout: Layout) -> MissionLoss:
         fleet, energy = self._settings.fleet, self._settings.energy
         indices = range(layout.agents)
-        reference_j = sum(full_energy_j(layout, index, energy) for index in indices)
+        full_j = sum(full_energy_j(layout, index, energy) for index in indices)
         cells = sum(part_cells(layout, index) for index in indices)
         captures = sum(agent.captures for agent in self._evaluation.agents)
-        whole = Effort(min(1.0, captures / cells), self._evaluation.system.uav_energy_j / reference_j)
+        whole = Effort(min(1.0, captures / cells), self._evaluation.system.uav_energy_j / full_j)
         shaping = fleet.reward_shaping
         objective = Objective(fleet.goals, shaping.minimise, shaping.margin)
-        return MissionLoss(objective, self._evaluation.metrics, whole, reference_j)
+        reference = thorough_costs(layout, energy).get(shaping.minimise, 1.0)
+        return MissionLoss(objective, self._evaluation.metrics, whole, reference)
 
 
 def _load(settings: Settings, references: Sequence[ModelReference]) -> Mapping[str, SAModel]:

@@ -23,8 +23,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fleet.energy.accounting import EnergyModel
+from fleet.energy.accounting import EnergyModel, FlightCounts
+from fleet.functions.contract import Metrics
+from fleet.functions.evaluation import cost_metrics
 from fleet.learning.goals import Objective
+from fleet.missions.accounting import agent_metrics
 from fleet.missions.layout import Layout
 from fleet.spec.swarm import Action
 
@@ -78,6 +81,17 @@ def full_energy_j(layout: Layout, agent: int, energy: EnergyModel) -> float:
     return (energy.take_off() + energy.land() + states * part_cells(layout, agent)).energy_j
 
 
+def thorough_costs(layout: Layout, energy: EnergyModel) -> dict[str, float]:
+    """Costs of a mission in which every agent visits and captures its part without a detour, by name of the metric."""
+    flights = []
+    for agent in range(layout.agents):
+        cells = part_cells(layout, agent)
+        moves = tuple(cells if action is Action.EAST else 0 for action in Action)
+        counts = FlightCounts(moves, captures=cells, decisions=cells, steps=cells + 1)
+        flights.append(agent_metrics(f"agent-{agent + 1}", counts, energy, groups=0, explored=0))
+    return cost_metrics(Metrics(tuple(flights)))
+
+
 @dataclass(frozen=True)
 class MissionLoss:
     """The loss of a mission, and of what it would have been.
@@ -86,7 +100,7 @@ class MissionLoss:
         objective: Goals, and the metric that decides when they are met.
         metrics: What Eval() said.
         whole: The effort of all agents together.
-        reference: The metric to minimise when every state is visited.
+        reference: The metric to minimise when every state is visited; 1 when that is not known.
     """
 
     objective: Objective

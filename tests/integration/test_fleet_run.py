@@ -7,7 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from fleet.energy.accounting import FlightCounts
+from fleet.energy.model import energy_model
 from fleet.errors import ContextError, FleetError, MissionError
+from fleet.missions.accounting import agent_metrics
 from fleet.missions.documents import Landing, MissionOrder
 from fleet_operator.local.application import Application
 from fleet_operator.local.events import ContainerDied, JobFailed
@@ -38,7 +41,11 @@ def test_a_fleet_flies_all_its_missions_and_says_what_came_of_them(tmp_path: Pat
     display = Recorder()
     summary = run(tmp_path, display)
     assert display.phases == PHASES
-    assert display.notes == ["  mission 1: accuracy 0.8 (met)", "  mission 2: accuracy 0.8 (met)"]
+    assert display.notes == [
+        "  plot: pictures are drawn from measured features, they show excess green",
+        "  mission 1: accuracy 0.8 (met)",
+        "  mission 2: accuracy 0.8 (met)",
+    ]
     assert [(mission.number, mission.goals_met) for mission in summary.missions] == [(1, True), (2, True)]
     assert [(model.key, model.usefulness, model.level) for model in summary.models] == [
         ("initial", 0.25, None), ("1", 0.25, 3), ("2", 0.25, 3), ("1-2", 0.25, 3),
@@ -80,7 +87,9 @@ def test_an_agent_whose_workflow_fails_for_good_does_not_keep_the_mission_from_i
     assert landing.failed
     assert landing.message.startswith("workflow of agent-2 failed: workflow ended with exit code 65; the end of")
     assert landing.message.endswith("workflow agent-2 was told to fail")
-    assert (landing.metrics.steps, landing.metrics.captures, landing.metrics.uav_energy_j) == (1, 1, 1000.0)
+    counts = FlightCounts((0,) * 8, captures=1, decisions=0, steps=1)
+    assert landing.metrics == agent_metrics("agent-2", counts, energy_model(fleet.fleet), groups=0, explored=0)
+    assert landing.metrics.edge_energy_j > 0
     assert list(summary.missions[0].failures) == ["agent-2"]
     assert [type(event) for event in display.events if isinstance(event, JobFailed)] == [JobFailed]
 

@@ -53,10 +53,13 @@ def _kill_in_flight(out: Path, storage: LocalStorage, chance: random.Random) -> 
     """Kill one process of each role at a random moment of the flight; what was acknowledged before the last kill."""
     _wait_for(lambda: any(_log(storage, agent) for agent in AGENTS))
     acknowledged: dict[str, tuple[Record, ...]] = dict.fromkeys(AGENTS, ())
+    killed = 0
     for parts in chance.sample(IN_FLIGHT, len(IN_FLIGHT)):
         time.sleep(chance.uniform(0.0, 1.0))
         acknowledged = {agent: _log(storage, agent) for agent in AGENTS}
-        _kill(out, parts, chance)
+        killed += _kill(out, parts, chance)
+    print("KILLED", killed)
+    assert killed, "the mission was over before anything was killed"
     return acknowledged
 
 
@@ -67,13 +70,16 @@ def _kill_one(out: Path, parts: tuple[str, ...], chance: random.Random, longest_
     _kill(out, parts, chance)
 
 
-def _kill(out: Path, parts: tuple[str, ...], chance: random.Random) -> None:
+def _kill(out: Path, parts: tuple[str, ...], chance: random.Random) -> bool:
+    """Kill one of the processes of a role; False when there is none any more."""
     pids = processes_of(out, *parts)
-    if pids:
-        try:
-            os.kill(chance.choice(pids), signal.SIGKILL)
-        except ProcessLookupError:
-            return
+    if not pids:
+        return False
+    try:
+        os.kill(chance.choice(pids), signal.SIGKILL)
+    except ProcessLookupError:
+        return False
+    return True
 
 
 def _wait_for(condition: Callable[[], bool]) -> None:

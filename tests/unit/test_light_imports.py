@@ -17,3 +17,19 @@ def test_what_an_agent_flies_with_loads_nothing_heavy(module: str) -> None:
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    ("role", "heavy"),
+    [
+        ("sensor", (*HEAVY, "cv2", "typer", "fleet.learning", "fleet.simulator")),
+        ("workflow", (*HEAVY, "cv2", "pyarrow", "uvicorn")),
+        ("aggregator", (*HEAVY, "cv2", "pyarrow", "uvicorn", "httpx")),
+        ("trainer", ("torch", "stable_baselines3", "gymnasium", "matplotlib", "uvicorn")),
+    ],
+)
+def test_a_role_loads_only_what_it_needs(role: str, heavy: tuple[str, ...]) -> None:
+    program = f"import sys, fleet.runtime.{role}; print([name for name in {heavy} if name in sys.modules])"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -18,7 +18,7 @@ from fleet.missions.records import Record
 from fleet.spec.learning import SAKind
 from fleet.spec.swarm import Action, AgentSpec, Goal, Groups, StateSpace
 from fleet.usefulness.belief import believed_ssv
-from fleet.usefulness.loss import Effort, MissionLoss, effort, full_energy_j, part_cells
+from fleet.usefulness.loss import Effort, MissionLoss, effort, full_energy_j, part_cells, thorough_costs
 from fleet.usefulness.replay import Replayer, fly_alone
 
 ENERGY = EnergyModel(load_aircraft("spark-survey"), load_edge("laptop-i5"))
@@ -107,6 +107,19 @@ def test_effort_is_a_share_of_the_agents_own_part() -> None:
     assert all_j == pytest.approx(ENERGY.flight(everything).energy_j)
     assert effort(LAYOUT, 0, 18, all_j / 4, ENERGY) == Effort(0.5, 0.25)
     assert effort(LAYOUT, 0, 40, all_j, ENERGY) == Effort(1.0, 1.0)
+
+
+@pytest.mark.parametrize("minimise", ["time_s", "uav_energy_j", "edge_energy_j", "energy_j"])
+def test_half_of_a_thorough_mission_costs_a_half_whichever_cost_is_minimised(minimise: str) -> None:
+    costs = thorough_costs(LAYOUT, ENERGY)
+    thorough = FlightCounts((0, 0, 36, 0, 0, 0, 0, 0), captures=36, decisions=36, steps=37)
+    assert costs["time_s"] == ENERGY.flight(thorough).time_s
+    assert costs["uav_energy_j"] == pytest.approx(2 * ENERGY.flight(thorough).energy_j)
+    goals = (Goal(metric="accuracy", at_least=0.7),)
+    half = {"accuracy": 1.0, **{name: cost / 2 for name, cost in costs.items()}}
+    loss = MissionLoss(Objective(goals, minimise), half, Effort(0.5, 0.5), costs[minimise])
+    assert loss.of(Effort(0.5, 0.5)) == pytest.approx(0.5)
+    assert loss.of(Effort(0.5, 0.25)) == pytest.approx(0.4)
 
 
 def test_the_loss_of_what_all_agents_did_is_that_of_the_mission_when_goals_are_clearly_met_or_missed() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from fleet.energy.model import energy_model
 from fleet_operator.compiler.missions import compile_flight
 from fleet_operator.compiler.target import Target
 from fleet_operator.local.application import Application
@@ -48,9 +49,10 @@ class Flight:
         landed = [agent for agent in self._application.agents if storage.exists(paths.landing(self._number, agent))]
         if len(landed) < len(self._application.agents):
             failures = self._run_jobs(agents, tick)
+            energy = energy_model(self._application.fleet, self._application.file.parent)
             for agent in agents:
                 message = failures.get(agent, "its workflow ended without a landing")
-                write_failed_landing(storage, paths, self._number, agent, message)
+                write_failed_landing(storage, paths, self._number, agent, message, energy)
             return
         self._evaluate(tick)
 
