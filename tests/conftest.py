@@ -6,8 +6,15 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 ROOT = Path(__file__).resolve().parent.parent
+
+# How fast a machine is says nothing about the code: examples have no deadline, and making them may take long.
+settings.register_profile("fleet", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+# The same examples in each run of CI, and a failing one printed so that it can be run again elsewhere.
+settings.register_profile("fleet-ci", settings.get_profile("fleet"), derandomize=True, database=None, print_blob=True)
+settings.load_profile("fleet-ci" if os.environ.get("CI") else "fleet")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

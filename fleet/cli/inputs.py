@@ -63,6 +63,11 @@ def as_uri(place: str) -> str:
     return place if "://" in place else Path(place).absolute().as_uri()
 
 
+def storage_uri(spec: FleetSpec, folder: Path, given: str | None = None) -> str:
+    """Address of a run's storage: the one given on the command line, the FleetSpec's, or the run's own folder."""
+    return given or spec.spec.storage.uri or as_uri(str(folder / "storage"))
+
+
 def cache_uri(spec: Path) -> str:
     """A place of this user for what is worked out from a FleetSpec and can be worked out again."""
     base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fleet.cli import console, inputs
+from fleet.errors import Problem, SpecError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -122,14 +123,22 @@ class _School:
 def _school(spec: Path, out: Path | None, seed: int | None, workers: int | None, context: Sequence[str]) -> _School:
     from fleet.learning.models import load_model
     from fleet.spec.functions import ContextUse
-    from fleet.storage.local import LocalStorage
+    from fleet.storage.open import open_storage
 
     fleet_spec = inputs.read_spec(spec)
     if seed is not None:
         missions = fleet_spec.spec.missions.model_copy(update={"seed": seed})
         fleet_spec = fleet_spec.model_copy(update={"spec": fleet_spec.spec.model_copy(update={"missions": missions})})
     folder = out or Path("fleet-out") / fleet_spec.name
-    storage = LocalStorage(folder / "storage")
+    storage = open_storage(inputs.storage_uri(fleet_spec, folder))
+    if storage.list(f"{inputs.paths_of(fleet_spec).root}/missions"):
+        problem = Problem("--out", f"missions were flown with what is in {storage.uri}", "choose another folder")
+        raise SpecError([problem], "the command line")
+    if storage.list(f"{inputs.paths_of(fleet_spec).root}/missions"):
+        raise SpecError(
+            [Problem("--out", f"{folder} has missions that were flown with its reward and model", "name another folder")],
+            source="the command line",
+        )
     with console.progress("mapping states") as advance:
         bench = inputs.open_bench(fleet_spec, spec, storage, inputs.read_overrides(context), advance)
         for use in (ContextUse.SHAPING, ContextUse.TRAINING):

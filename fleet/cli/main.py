@@ -56,9 +56,13 @@ def exit_code_of(error: FleetError | OSError | KeyboardInterrupt) -> int:
         case BrokenPipeError():
             _discard_output()
             return _BROKEN_PIPE
+        case FileExistsError() | NotADirectoryError():
+            console.headline(f"{error.filename}: there is a file where a folder is needed; name another")
+            return int(ExitCode.USAGE)
         case OSError():
             console.headline(": ".join(str(part) for part in (error.filename, error.strerror or error) if part))
-            return int(ExitCode.TRANSIENT)
+            amiss = isinstance(error, FileNotFoundError | IsADirectoryError | PermissionError)
+            return int(ExitCode.USAGE if amiss else ExitCode.TRANSIENT)
         case _:
             console.headline("interrupted")
             return int(ExitCode.INTERRUPTED)

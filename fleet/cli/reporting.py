@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -55,13 +56,17 @@ def report(
 
 
 def _storage_in(folder: Path) -> Storage:
-    """The storage of a run: the folder itself, or its folder `storage`."""
+    """The storage of a run: its folder `storage`, where its run.json says, or the folder itself."""
     from fleet.storage.local import LocalStorage
+    from fleet.storage.open import open_storage
 
     if not folder.is_dir():
         problem = Problem("DIR", f"there is no folder {folder}", "name the folder of a run")
         raise SpecError([problem], "the command line")
-    return LocalStorage(folder / "storage" if (folder / "storage").is_dir() else folder)
+    if (folder / "storage").is_dir():
+        return LocalStorage(folder / "storage")
+    ledger = folder / "run.json"
+    return open_storage(json.loads(ledger.read_bytes())["storageUri"]) if ledger.is_file() else LocalStorage(folder)
 
 
 def _fleet_in(storage: Storage, wanted: str | None) -> FleetPaths:

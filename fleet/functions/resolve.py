@@ -82,7 +82,7 @@ def _import(module_name: str, site: CallSite) -> ModuleType:
             "or use an image that has it",
             site,
         ) from error
-    except Exception as error:  # the module is the user's: its import may raise anything
+    except (Exception, SystemExit) as error:  # the module is the user's: its import may raise anything, and may exit
         raise FunctionError(
             f"module {module_name} raised {type(error).__name__} on import{_line(error)}: {error}", site
         ) from error

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 from fleet.errors import TrainingError
 from fleet.learning.model import SAModel
+from fleet.learning.network import Network
 from fleet.learning.progress import Listener, nobody
+from fleet.learning.qlearning import QLearning
 from fleet.learning.reward import Normaliser, RewardModel
 from fleet.learning.run import Run
 from fleet.learning.shaping import given_reward, shape
@@ -44,7 +46,8 @@ class Lessons:
             grounds = bench.grounds(ContextUse.SHAPING)
             reward = shape(bench.fleet, grounds, self._run(bench.paths.shaping), normaliser)
         else:
-            reward = given_reward(bench.fleet, bench.map_client.features, normaliser)
+            features = self.pretrained.features if self.pretrained else bench.map_client.features
+            reward = given_reward(bench.fleet, features, normaliser)
         bench.storage.write(bench.paths.reward, reward.model_dump_json(by_alias=True, indent=1).encode())
         return reward
 
@@ -64,13 +67,13 @@ class Lessons:
         return model
 
     def _normaliser(self) -> Normaliser:
-        """Over all that the fleet learns from; what it flies over is not known yet."""
+        """Over all that the fleet learns from, else that of the pre-trained SA; what it flies over is not known yet."""
         terrains = [*self.bench.terrains(ContextUse.SHAPING), *self.bench.terrains(ContextUse.TRAINING)]
-        if not terrains:
-            raise TrainingError(
-                "no context is for Shaping or Training, so the features' ranges are not known; give one"
-            )
-        return Normaliser.over([terrain.ssv for terrain in terrains])
+        if terrains:
+            return Normaliser.over([terrain.ssv for terrain in terrains])
+        if isinstance(self.pretrained, QLearning | Network):
+            return self.pretrained.normaliser
+        raise TrainingError("no context is for Shaping or Training, so the features' ranges are not known; give one")
 
     def _run(self, folder: str) -> Run:
         bench = self.bench

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from fleet.errors import ModelError
+from fleet.errors import ModelError, TrainingError
 from fleet.learning.checkpoint import Checkpoint, fingerprint
 from fleet.learning.goals import Objective
 from fleet.learning.model import SAModel
@@ -73,9 +73,22 @@ def objective_of(fleet: Fleet, contexts: int) -> Objective:
 
 
 def references(fleet: Fleet, grounds: Grounds) -> tuple[float, ...]:
-    """The metric to minimise of a mission that visits everything, for each context; NaN where Eval() gives none."""
+    """The metric to minimise of a mission that visits everything, for each context; NaN where Eval() gives none.
+
+    Raises:
+        TrainingError: Eval() has no metric for a goal even then, so that no mission could meet it.
+        FunctionError: Eval() failed.
+    """
+    thorough = visit_everything(grounds)
+    given = {name for metrics in thorough for name in metrics}
+    absent = sorted({goal.metric for goal in fleet.goals} - given)
+    if absent:
+        raise TrainingError(
+            f"spec.goals asks for {', '.join(absent)}, but Eval() gives no such metric; it gives "
+            f"{', '.join(sorted(given)) or 'none'}: correct the goal, or return the metric"
+        )
     name = fleet.reward_shaping.minimise
-    return tuple(float(metrics.get(name, math.nan)) for metrics in visit_everything(grounds))
+    return tuple(float(metrics.get(name, math.nan)) for metrics in thorough)
 
 
 def total_loss(objective: Objective, missions: Sequence[Mapping[str, float]], reference: Sequence[float]) -> float:

@@ -58,7 +58,6 @@ def _kill_in_flight(out: Path, storage: LocalStorage, chance: random.Random) -> 
         time.sleep(chance.uniform(0.0, 1.0))
         acknowledged = {agent: _log(storage, agent) for agent in AGENTS}
         killed += _kill(out, parts, chance)
-    print("KILLED", killed)
     assert killed, "the mission was over before anything was killed"
     return acknowledged
 

@@ -29,6 +29,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "scouting_part.py").write_text(MODULE)
     (tmp_path / "helper_of_scouting.py").write_text("def scale(value):\n    return value\n")
     (tmp_path / "broken_part.py").write_text("x = 1\ny = x / 0\n")
+    (tmp_path / "leaving_part.py").write_text("import sys\nsys.exit(3)\n")
     (tmp_path / "torn_part.py").write_text("def f(:\n")
     (tmp_path / "needy_part.py").write_text("import no_such_library\n")
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -56,6 +57,7 @@ def test_a_function_is_found(folder: Path) -> None:
             "broken_part:f: module broken_part raised ZeroDivisionError on import at line 2 of broken_part.py: "
             "division by zero",
         ),
+        ("leaving_part:f", "leaving_part:f: module leaving_part raised SystemExit on import at line 2 of leaving_part.py: 3"),
         (
             "torn_part:f",
             "torn_part:f: module torn_part raised SyntaxError on import at line 1 of torn_part.py: invalid syntax "

@@ -165,6 +165,14 @@ def test_an_eval_that_fails_ends_shaping_with_its_own_error(tmp_path: Path, work
         shape(fleet, grounds, run_in(tmp_path, workers=workers)[0])
 
 
+def test_a_goal_whose_metric_eval_does_not_give_ends_shaping_at_once(tmp_path: Path) -> None:
+    fleet = field_fleet(goals=[{"metric": "found", "atLeast": 0.6}, {"metric": "fuond", "atLeast": 0.6}])
+    run, news = run_in(tmp_path)
+    with pytest.raises(TrainingError, match=r"asks for fuond, but .* no such metric; it gives found, uav_energy_j: "):
+        shape(fleet, field_grounds(fleet), run)
+    assert [item.done for item in news] == [0]
+
+
 def test_visiting_everything_captures_every_state() -> None:
     fleet = field_fleet()
     assert [metrics["found"] for metrics in visit_everything(field_grounds(fleet, contexts=2))] == [1.0, 1.0]

@@ -58,7 +58,7 @@ def run(  # noqa: PLR0913, PLR0917 - one parameter for each option of the comman
         Path | None, typer.Option(metavar="DIR", help="Folder of the run; fleet-out/NAME when left out.")
     ] = None,
     storage: Annotated[
-        str | None, typer.Option(metavar="URI", help="Storage: file:///folder; DIR/storage when left out.")
+        str | None, typer.Option(metavar="URI", help="Storage: file:///folder; the FleetSpec's, or DIR/storage.")
     ] = None,
     seed: Annotated[
         int | None, typer.Option(min=0, help="Seed of everything random, in place of the FleetSpec's.")
@@ -105,7 +105,5 @@ def _application(
 
     spec = with_changes(inputs.read_spec(file), missions, seed)
     folder = out or Path("fleet-out") / spec.name
-    uri = storage or (folder / "storage").absolute().as_uri()
-    return Application(
-        spec, file, folder, open_storage(uri), read_bundle(spec.spec, file.parent), inputs.read_overrides(context)
-    )
+    place = open_storage(inputs.storage_uri(spec, folder, storage))
+    return Application(spec, file, folder, place, read_bundle(spec.spec, file.parent), inputs.read_overrides(context))

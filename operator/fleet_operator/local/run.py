@@ -126,7 +126,7 @@ class Run:
                 with self._phase(f"mission {number}", _flight_text(number, agents)):
                     self._fly(number, agents)
             case Retrain(number=number, subsets=subsets):
-                with self._phase(f"retraining {number}", f"mission {number}: {len(subsets)} aggregators retrain"):
+                with self._phase(f"retraining {number}", _retraining_text(number, subsets)):
                     self._retrain(number, subsets)
             case Weigh(number=number):
                 with self._phase(f"weighing {number}", f"mission {number}: weighing the models"):
@@ -249,6 +249,10 @@ def mission_line(evaluation: MissionEvaluation) -> str:
     )
     failures = "".join(f"; {agent} failed" for agent in evaluation.failures)
     return f"  mission {evaluation.number}: {goals}{failures}"
+
+
+def _retraining_text(number: int, subsets: Sequence[str]) -> str:
+    return f"mission {number}: {len(subsets)} aggregator{'s retrain' if len(subsets) != 1 else ' retrains'}"
 
 
 def _flight_text(number: int, agents: Sequence[str]) -> str:

@@ -10,7 +10,7 @@ import hashlib
 import re
 
 from fleet.spec.base import GROUP
-from fleet_operator.resources.roles import Role, TrainerTask
+from fleet_operator.resources.roles import Role
 
 MANAGER = "fleet-operator"
 PRODUCT = "fleet-computer"
@@ -80,11 +80,6 @@ def label_value(text: str) -> str:
     cleaned = re.sub(r"[^A-Za-z0-9._-]", "-", text)
     fits = cleaned == text and len(text) <= LONGEST and re.fullmatch(r"([A-Za-z0-9](.*[A-Za-z0-9])?)?", text)
     return text if fits else _hashed(cleaned, (text,))
-
-
-def task_name(task: TrainerTask) -> str:
-    """How a trainer's task appears to people."""
-    return {TrainerTask.TRAIN: "training", TrainerTask.WEIGH: "weighing"}[task]
 
 
 def _name(*parts: str) -> str:

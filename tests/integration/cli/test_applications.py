@@ -9,8 +9,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import yaml
 from typer.testing import Result
 
+from fleet.cli.inputs import read_spec, storage_uri
 from fleet.cli.scaffold.application import make_application, module_of
 from fleet.errors import SpecError
 from tests.conftest import ROOT
@@ -73,6 +75,19 @@ def test_two_applications_of_one_name_are_the_same(tmp_path: Path) -> None:
         if file.is_file():
             other = tmp_path / "two" / file.relative_to(tmp_path / "one")
             assert file.read_bytes() == other.read_bytes()
+
+
+def test_training_leaves_a_run_with_flown_missions_alone(invoke: Invoke, my_swarm: Path, tmp_path: Path) -> None:
+    reward = tmp_path / "out/storage/default/my-swarm/models/reward.json"
+    flown = tmp_path / "out/storage/default/my-swarm/missions/0001/evaluation.json"
+    for file in (reward, flown):
+        file.parent.mkdir(parents=True)
+        file.write_text("{}")
+    for command in ("shape", "train"):
+        done = invoke(command, my_swarm, "--out", tmp_path / "out")
+        assert done.exit_code == 2
+        assert "has missions that were flown with its reward and model\n      name another folder" in done.stderr
+    assert reward.read_text() == "{}"
 
 
 def test_init_overwrites_nothing(invoke: Invoke, tmp_path: Path) -> None:
@@ -215,6 +230,42 @@ def test_train_shapes_first_and_leaves_what_the_roles_and_the_simulator_read(
     assert flown["visited_threshold"] == trained["reward"]["visited_threshold"]
     report = invoke("report", tmp_path / "out")
     assert (report.exit_code, report.stdout.splitlines()[0]) == (0, "No mission has been flown.")
+
+
+def test_a_trained_swarm_needs_no_context_to_learn_from(invoke: Invoke, my_swarm: Path, tmp_path: Path) -> None:
+    first = json.loads(invoke("train", my_swarm, "--out", tmp_path / "first", "--workers", 1, "--json").stdout)
+    model = tmp_path / "first/storage/default/my-swarm/models/initial.npz"
+    (my_swarm.parent / "trained.npz").write_bytes(model.read_bytes())
+    document = yaml.safe_load(my_swarm.read_text())
+    flown = document["spec"]["stateSpace"]["context"]
+    document["spec"] |= {
+        "contexts": [{**one, "use": ["Mission"]} for one in document["spec"]["contexts"] if one["name"] == flown],
+        "sa": {"pretrained": "trained.npz"},
+        "ha": {"utilityThreshold": 2.5, "visitedThreshold": 4},
+        "rewardShaping": {"weights": dict.fromkeys(first["reward"]["features"], 0.5)},
+    }
+    my_swarm.write_text(yaml.safe_dump(document))
+    assert invoke("validate", my_swarm).exit_code == 0
+    done = invoke("train", my_swarm, "--out", tmp_path / "second", "--workers", 1, "--json")
+    assert done.exit_code == 0, done.output
+    reward = json.loads(done.stdout)["reward"]
+    assert reward["normaliser"] == first["reward"]["normaliser"]
+    assert (reward["weights"], reward["utility_threshold"], reward["visited_threshold"]) == ([0.5, 0.5], 2.5, 4)
+    assert (tmp_path / "second/storage/default/my-swarm/models/initial.npz").read_bytes() == model.read_bytes()
+
+
+def test_the_storage_of_the_fleetspec_is_used_and_found_again(invoke: Invoke, my_swarm: Path, tmp_path: Path) -> None:
+    place = (tmp_path / "elsewhere").as_uri()
+    my_swarm.write_text(f"{my_swarm.read_text().rstrip()}\n  storage: {{uri: {place}}}\n")
+    out = tmp_path / "out"
+    trained = json.loads(invoke("train", my_swarm, "--out", out, "--workers", 1, "--json").stdout)
+    assert trained["storage"] == place
+    assert not (out / "storage").exists()
+    assert storage_uri(read_spec(my_swarm), out, given="file:///given") == "file:///given"
+    out.mkdir()
+    (out / "run.json").write_text(json.dumps({"storageUri": place}))  # as `fleet run` leaves it
+    assert invoke("report", out).exit_code == 0
+    assert (out / "report.html").is_file()
 
 
 def test_simulate_without_the_policy_that_it_is_told_to_use_says_what_to_do(
