@@ -4,7 +4,10 @@ PYTHON ?= python3
 VENV ?= .venv
 OUT ?= out/demo
 BIN := $(VENV)/bin
-PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet -c constraints.txt
+# Progress bars for people, silence for logs.
+PIP = [ -t 1 ] || quiet=--quiet; $(BIN)/python -m pip --disable-pip-version-check install $$quiet -c constraints.txt
+# pytest's own count takes two threads of one core for one.
+WORKERS := $(shell nproc 2>/dev/null || echo auto)
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test lint generate bench format clean
@@ -18,7 +21,7 @@ demo: $(VENV)/.installed ## fly examples/crop-scouting end to end on this machin
 	@$(BIN)/fleet run examples/crop-scouting/fleetspec.yaml --out $(OUT) --fresh
 
 test: $(VENV)/.installed-dev ## every test
-	@$(BIN)/python -m pytest -n auto
+	@$(BIN)/python -m pytest -n $(WORKERS) --maxprocesses 8
 
 lint: $(VENV)/.installed-dev ## style, types, layers, generated files
 	@$(BIN)/ruff format --check .
@@ -40,24 +43,30 @@ format: $(VENV)/.installed-dev ## put the code in the project's format
 clean: ## remove everything that can be made again
 	@rm -rf $(VENV) out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis bench/out
 
-# A fresh Debian or Ubuntu has python3 without the part that makes virtual environments.
-$(BIN)/python:
+# Says that the environment is not in the middle of something: pip takes what it left half there for installed, so an
+# environment that was broken off is made anew. A fresh Debian or Ubuntu has python3 without the part that makes them.
+$(VENV)/.whole:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "Python 3.11 or later is needed; name one with: make PYTHON=/path/to/python3 ..." >&2; exit 1; }
 	@echo "set-up: a virtual environment in $(VENV)"
+	@if [ -e $(VENV)/pyvenv.cfg ]; then rm -rf $(VENV); fi
 	@$(PYTHON) -m venv $(VENV) >/dev/null 2>&1 || { \
-	  rm -rf $(VENV); \
 	  echo "set-up: installing python3-venv, which this system lacks"; \
 	  if [ "$$(id -u)" = 0 ]; then SUDO=; else SUDO=sudo; fi; \
-	  $$SUDO apt-get update -qq && $$SUDO apt-get install -y -qq python3-venv >/dev/null && \
-	  $(PYTHON) -m venv $(VENV); }
-
-$(VENV)/.installed: pyproject.toml constraints.txt | $(BIN)/python
-	@echo "set-up: the packages of the Fleet Computer (about a minute)"
-	@$(PIP) -e .
+	  $$SUDO apt-get update -qq && \
+	  $$SUDO env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq python3-venv >/dev/null && \
+	  $(PYTHON) -m venv $(VENV); } || \
+	  { echo "set-up: no virtual environment; install python3-venv, or name another Python with PYTHON=" >&2; exit 1; }
 	@touch $@
+
+$(VENV)/.installed: pyproject.toml constraints.txt $(VENV)/.whole
+	@echo "set-up: the packages of the Fleet Computer (about a minute)"
+	@rm -f $(VENV)/.whole
+	@$(PIP) -e .
+	@touch $(VENV)/.whole $@
 
 $(VENV)/.installed-dev: $(VENV)/.installed
 	@echo "set-up: the packages of the tests, PyTorch among them (some minutes, 6 GB)"
+	@rm -f $(VENV)/.whole
 	@$(PIP) -e '.[dev,deep]'
-	@touch $@
+	@touch $(VENV)/.whole $(VENV)/.installed $@

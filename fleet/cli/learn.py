@@ -132,13 +132,8 @@ def _school(spec: Path, out: Path | None, seed: int | None, workers: int | None,
     folder = out or Path("fleet-out") / fleet_spec.name
     storage = open_storage(inputs.storage_uri(fleet_spec, folder))
     if storage.list(f"{inputs.paths_of(fleet_spec).root}/missions"):
-        problem = Problem("--out", f"missions were flown with what is in {storage.uri}", "choose another folder")
-        raise SpecError([problem], "the command line")
-    if storage.list(f"{inputs.paths_of(fleet_spec).root}/missions"):
-        raise SpecError(
-            [Problem("--out", f"{folder} has missions that were flown with its reward and model", "name another folder")],
-            source="the command line",
-        )
+        message = f"{folder} has missions that were flown with its reward and model"
+        raise SpecError([Problem("--out", message, "name another folder")], source="the command line")
     with console.progress("mapping states") as advance:
         bench = inputs.open_bench(fleet_spec, spec, storage, inputs.read_overrides(context), advance)
         for use in (ContextUse.SHAPING, ContextUse.TRAINING):

@@ -21,7 +21,7 @@ def open_storage(uri: str) -> Storage:
         return LocalStorage(_folder(uri))
     if "://" not in uri:
         raise _wrong(uri, "is a path, not an address", f"write {Path(uri).absolute().as_uri()}")
-    raise _wrong(uri, f"is of no kind of storage that there is, {address.scheme}://", "write file:///absolute/folder")
+    raise _wrong(uri, f"begins with {address.scheme}://, which is no known storage", "write file:///absolute/folder")
 
 
 def _folder(uri: str) -> Path:

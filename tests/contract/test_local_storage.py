@@ -137,7 +137,7 @@ def test_an_address_with_odd_letters_opens_its_folder(tmp_path: Path) -> None:
         ("file://relative/folder", "names no absolute folder; write file:/// and the absolute path"),
         ("file://", "names no absolute folder"),
         ("file:///a?b", r"has a \? or #"),
-        ("s3://bucket", "no storage is called s3://; write file:///absolute/folder"),
+        ("s3://bucket", "'s3://bucket' begins with s3://, which is no known storage; write file:///absolute/folder"),
     ],
 )
 def test_wrong_addresses_say_what_to_write(uri: str, advice: str) -> None:

@@ -57,7 +57,10 @@ def test_a_function_is_found(folder: Path) -> None:
             "broken_part:f: module broken_part raised ZeroDivisionError on import at line 2 of broken_part.py: "
             "division by zero",
         ),
-        ("leaving_part:f", "leaving_part:f: module leaving_part raised SystemExit on import at line 2 of leaving_part.py: 3"),
+        (
+            "leaving_part:f",
+            "leaving_part:f: module leaving_part raised SystemExit on import at line 2 of leaving_part.py: 3",
+        ),
         (
             "torn_part:f",
             "torn_part:f: module torn_part raised SyntaxError on import at line 1 of torn_part.py: invalid syntax "

@@ -143,9 +143,6 @@ def only_run(out: Path) -> Iterator[None]:
 def check_same(application: Application, identity: dict[str, str]) -> None:
     """Refuse to go on with the run of something else.
 
-    What `fleet shape` and `fleet train` left has no run.json, and so says nothing of functions and contexts. Its reward
-    and model are made again: the trainer goes on from their checkpoints, which hold all of it if nothing has changed.
-
     Raises:
         OtherRun: names what differs and what to do.
     """
@@ -156,9 +153,7 @@ def check_same(application: Application, identity: dict[str, str]) -> None:
         known = {**known, **spec_identity(FleetSpec.model_validate_json(stored))}
     except (ObjectNotFound, ValidationError):  # never written, or by another version: it is written anew
         pass
-    paths = application.paths
-    only_trained = before is None and not application.storage.list(f"{paths.root}/missions")
-    compared = known if only_trained else {**known, **identity}
+    compared = known if _only_trained(application) else {**known, **identity}
     different = [name for name in compared if known and known.get(name) != identity.get(name)]
     if different:
         where = application.out if before is not None else application.storage.uri
@@ -166,9 +161,22 @@ def check_same(application: Application, identity: dict[str, str]) -> None:
             f"{where} has a run that differs in {', '.join(different)}; "
             "choose another folder with --out, or remove that run with --fresh"
         )
-    if only_trained:
-        for path in (paths.reward, paths.initial_model):
+
+
+def forget_lessons(application: Application) -> None:
+    """Remove the reward and the model that `fleet shape` and `fleet train` left: there is no word of what they are of.
+
+    The trainer goes on from their checkpoints, which have all of it when functions and contexts are the same.
+    """
+    if _only_trained(application):
+        for path in (application.paths.reward, application.paths.initial_model):
             application.storage.delete(path)
+
+
+def _only_trained(application: Application) -> bool:
+    """Whether there is neither run.json nor a mission: functions and contexts of an earlier start are not known."""
+    missions = f"{application.paths.root}/missions"
+    return read_document(application.out) is None and not application.storage.list(missions)
 
 
 def remove_run(application: Application) -> None:

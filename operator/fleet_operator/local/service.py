@@ -95,6 +95,7 @@ def run_fleet(
         if fresh:
             ledgers.remove_run(application)
         ledgers.check_same(application, identity)
+        ledgers.forget_lessons(application)
         with _own_functions(application.file.parent):
             ledger = Ledger(application, identity)
             return _run(application, ledger, display, settings or Settings(), reporter)

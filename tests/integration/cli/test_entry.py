@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -76,10 +77,9 @@ def test_a_wrong_input_has_no_traceback_but_with_debug(program: Program, tmp_pat
 
 def test_a_folder_that_cannot_be_made_is_told_in_a_line(program: Program, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    place = tmp_path / "file" / "my-swarm"
-    done = program("init", place)
+    done = program("init", tmp_path / "file" / "my-swarm")
     assert done.returncode == 2
-    assert done.stderr == f"error: {place}: there is a file where a folder is needed; name another\n"
+    assert re.fullmatch(r"error: .*my-swarm.*: there is a file where a folder is needed; name another\n", done.stderr)
 
 
 def test_a_fault_of_ours_is_not_taken_for_a_missed_goal(program: Program) -> None:
