@@ -87,17 +87,6 @@ class Workbench:
         return Terrain.of(context, self.map_client, ssv, self.fleet.state_space, agents)
 
 
-def open_workbench(
-    fleet: Fleet,
-    storage: Storage,
-    paths: FleetPaths,
-    map_client: MapClient,
-    eval_client: EvalClient,
-) -> Workbench:
-    """A workbench over contexts that were copied into storage, as in a pod."""
-    return Workbench(fleet, storage, paths, map_client, eval_client)
-
-
 def _placed(agent: AgentSpec, grid: Grid) -> AgentSpec:
     """The agent without a start that another field does not have: starts are cells of the field that is flown."""
     start = agent.start

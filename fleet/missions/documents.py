@@ -77,15 +77,27 @@ class WeightsDocument(Model):
     )
 
 
-class RetrainingReport(Model):
+class Expense(Model):
+    """What a role that learns has spent; a process that was killed before it wrote this is not in it."""
+
+    cpu_s: float = Field(description="Processor time spent, in s.")
+    wall_s: float = Field(description="Time from start to end, in s.")
+    energy_j: float = Field(description="Energy of the edge machine for it, by the edge profile.")
+
+
+class TrainerReport(Expense):
+    """What the trainer spent on one task."""
+
+    task: str = Field(description="Train or Weigh.")
+    number: int = Field(description="The mission that was weighed; 0 for the training before the first.")
+
+
+class RetrainingReport(Expense):
     """What one aggregator did after a mission."""
 
     number: int
     subset: str
     transitions: int = Field(description="Moves that the model learned from.")
-    cpu_s: float = Field(description="Processor time spent, in s.")
-    wall_s: float = Field(description="Time from start to end, in s.")
-    energy_j: float = Field(description="Energy of the edge machine for it, by the edge profile.")
     level: int = Field(0, description="Scheduling level that the aggregator ran at, 0..9.", ge=0, le=9)
 
 

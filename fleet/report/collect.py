@@ -26,6 +26,7 @@ from fleet.missions.documents import (
     MissionEvaluation,
     MissionOrder,
     RetrainingReport,
+    TrainerReport,
     WeightsDocument,
 )
 from fleet.missions.records import Record, read_log
@@ -123,6 +124,7 @@ class RunData:
         missions: Flown missions, by number.
         weights: Weights over the models and their usefulness, by the mission that flies with them.
         retraining: What the aggregators did, by the mission after which they ran.
+        trainer: What the trainer spent: on the training under 0, on the weighing under the mission before it.
         notes: What could not be read, and why: sentences for the reader.
     """
 
@@ -133,6 +135,7 @@ class RunData:
     missions: tuple[MissionRun, ...] = ()
     weights: Mapping[int, WeightsDocument] = field(default_factory=dict)
     retraining: Mapping[int, tuple[RetrainingReport, ...]] = field(default_factory=dict)
+    trainer: Mapping[int, TrainerReport] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     @property
@@ -155,6 +158,9 @@ def collect(storage: Storage, paths: FleetPaths) -> RunData:
     order = [agent.name for agent in spec.spec.agents.resolved] if spec else []
     missions = [_mission(reader, paths, number, order) for number in numbers]
     weights = [reader.document(paths.weights(number), WeightsDocument.model_validate_json) for number in numbers]
+    trainer = [
+        reader.document(paths.trainer_report(number), TrainerReport.model_validate_json) for number in (0, *numbers)
+    ]
     return RunData(
         paths=paths,
         spec=spec,
@@ -163,6 +169,7 @@ def collect(storage: Storage, paths: FleetPaths) -> RunData:
         missions=tuple(mission for mission in missions if mission is not None),
         weights={document.number: document for document in weights if document is not None},
         retraining={number: _retraining(reader, paths, number) for number in numbers},
+        trainer={report.number: report for report in trainer if report is not None},
         notes=tuple(reader.notes),
     )
 

@@ -15,7 +15,7 @@ import yaml
 import fleet
 from fleet.functions.contract import AgentMetrics
 from fleet.learning.reward import RewardModel
-from fleet.missions.documents import GoalResult, RetrainingReport
+from fleet.missions.documents import Expense, GoalResult, RetrainingReport
 from fleet.report import measures
 from fleet.report.collect import MissionRun, RunData
 from fleet.report.pictures import Picture
@@ -66,6 +66,7 @@ def render(run: RunData, pictures: Mapping[str, Sequence[Picture]]) -> str:
         metric_pictures=pictures.get("metrics", ()),
         models=_models_table(run),
         models_pictures=pictures.get("models", ()),
+        learning=_learning_table(run),
         shaping=shaping_sentence(run),
         thresholds=_thresholds(run),
         reward_pictures=pictures.get("reward", ()),
@@ -223,6 +224,28 @@ def _models_table(run: RunData) -> Table:
         )
     header = ("model", "usefulness", "last level", "retrained", "transitions", "CPU time", "energy")
     return Table(header, tuple(rows))
+
+
+def _learning_table(run: RunData) -> Table:
+    """What learning cost, beside the flights' own energy."""
+    rows = []
+    for number in sorted(run.trainer.keys() | run.retraining.keys()):
+        aggregators = run.retraining.get(number, ())
+        if aggregators:
+            rows.append(_expense(f"{len(aggregators)} aggregators after mission {number}", aggregators))
+        if number in run.trainer:
+            name = f"weighing after mission {number}" if number else "shaping and training"
+            rows.append(_expense(name, [run.trainer[number]]))
+    if rows:
+        rows.append(
+            _expense("all", [*run.trainer.values(), *(one for all_ in run.retraining.values() for one in all_)])
+        )
+    return Table(("learning", "CPU time", "edge energy"), tuple(rows))
+
+
+def _expense(name: str, parts: Sequence[Expense]) -> tuple[str, str, str]:
+    cpu_s, energy_j = sum(part.cpu_s for part in parts), sum(part.energy_j for part in parts)
+    return name, measures.duration(cpu_s), measures.text("energy_j", energy_j)
 
 
 def _level(reports: Sequence[RetrainingReport]) -> str:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import logging
-import resource
-import time
 
 from fleet.aggregation.retrain import retrain
 from fleet.aggregation.subsets import subsets_for
@@ -14,6 +12,7 @@ from fleet.learning.reward import RewardModel
 from fleet.missions.documents import INITIAL, RetrainingReport
 from fleet.randomness import named_seed
 from fleet.runtime.evaluation import read_logs
+from fleet.runtime.meter import Meter
 from fleet.runtime.settings import Settings
 
 _log = logging.getLogger(__name__)
@@ -31,7 +30,7 @@ def aggregate(settings: Settings) -> None:
     subsets = {subset.key: subset for subset in subsets_for(settings.fleet)}
     if key not in subsets:
         raise MissionError(f"FLEET_SUBSET is {key!r}; the fleet aggregates {', '.join(subsets)}")
-    started_s, started_cpu_s = time.monotonic(), _cpu_s()
+    meter = Meter(settings.energy)
     model_paths = {reference.key: reference.path for reference in settings.order.models}
     model, transitions = retrain(
         load_model(storage.read(model_paths.get(key, model_paths[INITIAL]))),
@@ -42,20 +41,8 @@ def aggregate(settings: Settings) -> None:
         named_seed(settings.order.seed, f"retrain/{number}/{key}"),
     )
     storage.write(paths.model(number, key), model.to_bytes())
-    cpu_s = _cpu_s() - started_cpu_s
     report = RetrainingReport(
-        number=number,
-        subset=key,
-        transitions=transitions,
-        cpu_s=cpu_s,
-        wall_s=time.monotonic() - started_s,
-        energy_j=settings.energy.retraining_energy_j(cpu_s),
-        level=settings.level,
+        number=number, subset=key, transitions=transitions, level=settings.level, **meter.read().model_dump()
     )
     storage.write(paths.retraining(number, key), report.model_dump_json(by_alias=True, indent=1).encode())
     _log.info("subset %s learned from %d moves", key, transitions)
-
-
-def _cpu_s() -> float:
-    usage = resource.getrusage(resource.RUSAGE_SELF)
-    return usage.ru_utime + usage.ru_stime

@@ -12,7 +12,9 @@ from fleet.learning.model import SAModel
 from fleet.learning.models import load_model
 from fleet.learning.progress import Progress
 from fleet.learning.reward import RewardModel
-from fleet.learning.workbench import open_workbench
+from fleet.learning.workbench import Workbench
+from fleet.missions.documents import TrainerReport
+from fleet.runtime.meter import Meter
 from fleet.runtime.settings import Settings
 from fleet.runtime.weighing import weigh
 from fleet.storage.open import open_storage
@@ -27,6 +29,7 @@ def run_trainer(settings: Settings) -> None:
         MissionError: there is no such task.
         FleetError: the task cannot be done.
     """
+    meter = Meter(settings.energy)
     match settings.task:
         case "Train":
             prepare(settings)
@@ -34,13 +37,17 @@ def run_trainer(settings: Settings) -> None:
             weigh(settings)
         case _:
             raise MissionError(f"FLEET_TASK is {settings.task!r}; the trainer's tasks are Train and Weigh")
+    path = settings.paths.trainer_report(settings.mission)
+    if not settings.storage.exists(path):
+        report = TrainerReport(task=settings.task, number=settings.mission, **meter.read().model_dump())
+        settings.storage.write(path, report.model_dump_json(by_alias=True, indent=1).encode())
 
 
 def prepare(settings: Settings) -> None:
     """Shape the reward and train the first model."""
     fleet, storage, paths = settings.fleet, settings.storage, settings.paths
     map_client = open_map(fleet.map, settings.map_url)
-    bench = open_workbench(fleet, storage, paths, map_client, open_eval(fleet.eval, settings.eval_url))
+    bench = Workbench(fleet, storage, paths, map_client, open_eval(fleet.eval, settings.eval_url))
     pretrained = read_pretrained(fleet.sa.pretrained) if fleet.sa.pretrained else None
     lessons = Lessons(bench, pretrained, settings.workers, _tell)
     if not storage.exists(paths.reward):

@@ -67,7 +67,9 @@ class AgentSpec(Model):
     name: Name = Field(description="Unique within the fleet; part of the names of its pods.", examples=["scout"])
     driver: DriverName | None = Field(default=None, description="Action driver of this agent.")
     actions: Actions | None = Field(
-        default=None, description="Actions of this agent: A_i of the paper.", json_schema_extra=distinct()
+        default=None,
+        description="Moves that SA may choose: A_i of the paper; travel between groups is by waypoint.",
+        json_schema_extra=distinct(),
     )
     start: Start | None = Field(default=None, description="Take-off cell; the first cell of its part when left out.")
 
@@ -86,7 +88,9 @@ class Agents(Model):
     )
     driver: DriverName = Field(default=DriverName.REPLAY, description="Action driver of every agent that names none.")
     actions: Actions = Field(
-        default=CARDINAL, description="Actions of every agent that names none.", json_schema_extra=distinct()
+        default=CARDINAL,
+        description="Moves that SA may choose, of every agent that names none; travel between groups is by waypoint.",
+        json_schema_extra=distinct(),
     )
     requires: tuple[Capability, ...] = Field(
         default=(),

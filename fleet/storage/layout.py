@@ -90,6 +90,10 @@ class FleetPaths:
         """What the retraining of a subset took."""
         return f"{self.mission(number)}/retraining/{subset}.json"
 
+    def trainer_report(self, number: int) -> str:
+        """What the trainer spent: 0 for the training before the first mission, else the weighing after a mission."""
+        return f"{self.mission(number)}/weighing.json" if number else f"{self.training}/report.json"
+
     def weights(self, number: int) -> str:
         """Weights over models that each agent flies mission `number` with, and the models' usefulness."""
         return f"{self.mission(number)}/weights.json"

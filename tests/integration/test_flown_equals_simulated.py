@@ -13,7 +13,7 @@ from fleet.functions.clients import open_eval, open_map
 from fleet.learning.models import load_model
 from fleet.learning.reward import RewardModel
 from fleet.learning.score_tables import Flights, batch_of, score_table
-from fleet.learning.workbench import open_workbench
+from fleet.learning.workbench import Workbench
 from fleet.missions.documents import INITIAL, Landing, MissionEvaluation
 from fleet.missions.flight import LAND
 from fleet.missions.layout import MOVES
@@ -30,7 +30,7 @@ def test_flown_and_simulated_mission_are_the_same(undisturbed: Path, monkeypatch
     monkeypatch.syspath_prepend(str(undisturbed / "swarm"))
     storage = LocalStorage(undisturbed / "out/storage")
     fleet = FleetSpec.model_validate(json.loads(storage.read(PATHS.fleet_spec))).spec
-    bench = open_workbench(fleet, storage, PATHS, open_map(fleet.map), open_eval(fleet.eval))
+    bench = Workbench(fleet, storage, PATHS, open_map(fleet.map), open_eval(fleet.eval))
     terrain = bench.terrain("third")
     reward = RewardModel.model_validate_json(storage.read(PATHS.reward))
     models = {INITIAL: load_model(storage.read(PATHS.initial_model))}
