@@ -25,13 +25,13 @@ class SensorClient:
         url: Address of the sensor role.
         clock: Waits between tries.
         patience_s: How long a sensor that cannot be reached is waited for.
-        timeout_s: How long one command may take; None waits as long as the vehicle needs.
+        timeout_s: How long one command may take; a sensor that hangs for longer counts as one that is gone.
 
     Raises:
         DriverError: from any method: the sensor refused, or could not be reached for `patience_s`.
     """
 
-    def __init__(self, url: str, clock: Clock, patience_s: float = 60.0, timeout_s: float | None = None) -> None:
+    def __init__(self, url: str, clock: Clock, patience_s: float = 60.0, timeout_s: float = 120.0) -> None:
         self._url = url
         self._clock = clock
         self._patience_s = patience_s
