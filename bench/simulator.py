@@ -25,6 +25,7 @@ from fleet.contexts.grid import Grid
 from fleet.contexts.load import load_cube
 from fleet.learning.qlearning import QLearning
 from fleet.learning.reward import Normaliser
+from fleet.missions.history import ThresholdHA
 from fleet.missions.layout import MOVES, Layout, plan_layout
 from fleet.simulator import reference
 from fleet.simulator.batch import Batch, Flown, fly
@@ -112,7 +113,7 @@ def steps_a_second(flight: Callable[[], Flown], repeats: int = 5) -> float:
 
 def pettingzoo_steps_a_second(field: Field, batch: Batch) -> float:
     """The same missions, stepped with the best legal move of the score table."""
-    ha = reference.Thresholds(float(batch.utility_thresholds[0]), int(batch.visited_thresholds[0]))
+    ha = ThresholdHA(float(batch.utility_thresholds[0]), int(batch.visited_thresholds[0]))
     env = MissionEnv(field.layout, field.ssv, batch.rewards[0], ha)
     scores = batch.scores[0]
     states = 0

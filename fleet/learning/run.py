@@ -40,9 +40,20 @@ class Run:
     version: str = ""
     listener: Listener = nobody
 
-    def check(self, grounds: Grounds) -> None:
-        """Whether the pre-trained model is for the SSV of the contexts. Raises ModelError when it is not."""
-        if self.pretrained is not None and self.pretrained.features != grounds.features:
+    def check(self, fleet: Fleet, grounds: Grounds) -> None:
+        """Whether the pre-trained model is of the fleet's kind and for the SSV of the contexts.
+
+        Raises:
+            ModelError: it is not.
+        """
+        if self.pretrained is None:
+            return
+        if self.pretrained.kind is not fleet.sa.kind:
+            raise ModelError(
+                f"the pre-trained model is of kind {self.pretrained.kind}, but sa.kind is {fleet.sa.kind}; "
+                "write the model's kind there, or leave sa.pretrained out"
+            )
+        if self.pretrained.features != grounds.features:
             raise ModelError(
                 f"the pre-trained model expects the features {', '.join(self.pretrained.features)}, but Map() gives "
                 f"{', '.join(grounds.features)}; leave sa.pretrained out, or choose the Map() it was trained with"

@@ -87,7 +87,7 @@ def shape(fleet: Fleet, grounds: Grounds, run: Run, normaliser: Normaliser | Non
     """
     if not grounds.terrains:
         raise TrainingError("no context is for shaping; give one of `contexts` the use Shaping")
-    run.check(grounds)
+    run.check(fleet, grounds)
     normaliser = normaliser or Normaliser.over([terrain.ssv for terrain in grounds.terrains])
     dimensions = parameters(fleet, grounds.features)
     settings = fleet.reward_shaping

@@ -99,7 +99,7 @@ def train(fleet: Fleet, grounds: Grounds, reward: RewardModel, run: Run) -> SAMo
     """
     if not grounds.terrains:
         raise TrainingError("no context is for training; give one of `contexts` the use Training")
-    run.check(grounds)
+    run.check(fleet, grounds)
     settings = fleet.training
     total = settings.epochs * settings.periods
     checkpoint = run.checkpoint("candidates", fleet, grounds, reward)

@@ -11,13 +11,13 @@ from fleet.contexts.base import Environment
 from fleet.errors import MissionError
 from fleet.functions.contract import AgentMetrics
 from fleet.learning.blend import blend
-from fleet.learning.history import ThresholdHA
 from fleet.learning.model import SAModel
 from fleet.learning.models import load_model
 from fleet.learning.reward import RewardModel
 from fleet.missions.accounting import agent_metrics
 from fleet.missions.documents import ModelReference
 from fleet.missions.flight import LAND, Decision, Flight
+from fleet.missions.history import ThresholdHA
 from fleet.missions.layout import MOVES, plan_layout
 from fleet.missions.records import Record
 from fleet.runtime.odometer import Odometer

@@ -6,27 +6,16 @@ It says what the kernel must do, and is what the kernel is tested and timed agai
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fleet.missions.flight import LAND, Decision, Flight
+from fleet.missions.history import ThresholdHA
 from fleet.missions.layout import Layout
 from fleet.simulator.arrays import scored_moves
 from fleet.simulator.batch import Batch, Finished, Flown, Trace, broken_table
-
-
-@dataclass(frozen=True)
-class Thresholds:
-    """HA of the simulator: leave a group when U > T_u or V > T_v."""
-
-    utility: float
-    visited: int
-
-    def moves_on(self, utility: float, visited: int) -> bool:
-        """True when the group is left."""
-        return utility > self.utility or visited > self.visited
 
 
 def fly(layout: Layout, batch: Batch, traced: bool = False, finished: Finished | None = None) -> Flown:
@@ -54,7 +43,7 @@ def start(layout: Layout, batch: Batch, mission: int, agent: int) -> Flight:
     return Flight(
         layout,
         agent,
-        Thresholds(float(batch.utility_thresholds[mission]), int(batch.visited_thresholds[mission])),
+        ThresholdHA(float(batch.utility_thresholds[mission]), int(batch.visited_thresholds[mission])),
         seed=batch.seed,
         mission=int(batch.missions[mission]),
         exploration=float(batch.exploration[mission]),

@@ -13,11 +13,11 @@ from pettingzoo.utils.conversions import parallel_to_aec
 
 from fleet.contexts.grid import Grid
 from fleet.errors import MissionError, TrainingError
+from fleet.missions.history import ThresholdHA
 from fleet.missions.layout import MOVES, Layout, plan_layout
 from fleet.simulator import parallel_env, reference
 from fleet.simulator.batch import Batch
 from fleet.simulator.parallel_env import MissionEnv
-from fleet.simulator.reference import Thresholds
 from fleet.spec.swarm import CARDINAL, AgentSpec, Groups, Start, StateSpace
 
 
@@ -31,7 +31,7 @@ def layout_of(agents: int = 3) -> Layout:
 def env_of(visited_threshold: int = 5) -> MissionEnv:
     generator = np.random.default_rng(4)
     layout = layout_of()
-    return MissionEnv(layout, generator.random((72, 4)), generator.random(72), Thresholds(2.5, visited_threshold))
+    return MissionEnv(layout, generator.random((72, 4)), generator.random(72), ThresholdHA(2.5, visited_threshold))
 
 
 def test_passes_the_api_test() -> None:
@@ -62,7 +62,7 @@ def test_following_a_score_table_visits_what_the_reference_visits() -> None:
     generator = np.random.default_rng(4)
     observations, rewards = generator.random((72, 4)), generator.random(72)
     scores = generator.random((72, len(MOVES)))
-    env = MissionEnv(layout, observations.astype(np.float32), rewards, Thresholds(2.5, 5))
+    env = MissionEnv(layout, observations.astype(np.float32), rewards, ThresholdHA(2.5, 5))
     observed, infos = env.reset()
     states = {agent: infos[agent]["states"] for agent in env.agents}
     gained = dict.fromkeys(env.agents, 0.0)
@@ -108,7 +108,7 @@ def test_an_illegal_action_is_replaced_by_the_first_legal_one_and_reported() -> 
 
 def test_arrays_that_do_not_fit_the_layout_are_refused() -> None:
     with pytest.raises(MissionError, match="72 cells and 3 agents; there are 71 observations"):
-        MissionEnv(layout_of(), np.zeros((71, 4)), np.zeros(72), Thresholds(1.0, 1))
+        MissionEnv(layout_of(), np.zeros((71, 4)), np.zeros(72), ThresholdHA(1.0, 1))
 
 
 def test_without_the_extra_the_error_names_it(monkeypatch: pytest.MonkeyPatch) -> None:

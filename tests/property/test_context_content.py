@@ -57,7 +57,7 @@ def shuffled(content: CubeContent, seed: int) -> CubeContent:
     return dataclasses.replace(content, cells=moved)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(contents())
 def test_a_written_cube_is_read_back(content: CubeContent) -> None:
     storage = MemoryStorage()
@@ -69,13 +69,13 @@ def test_a_written_cube_is_read_back(content: CubeContent) -> None:
     assert examine(found) == examine(content)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(contents(), st.integers(0, 100))
 def test_the_digest_does_not_depend_on_the_order_of_entries(content: CubeContent, seed: int) -> None:
     assert shuffled(content, seed).digest() == content.digest()
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(contents(), st.data())
 def test_the_digest_changes_with_any_content(content: CubeContent, data: st.DataObject) -> None:
     index = data.draw(st.integers(0, len(content.cells) - 1))
@@ -119,13 +119,13 @@ def test_each_date_of_a_cube_has_a_digest_of_its_own() -> None:
     assert cube.environment.digest != cube.at(DATES[0]).environment.digest
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(contents())
 def test_a_manifest_is_read_back(content: CubeContent) -> None:
     assert parse_manifest(manifest_text(content.manifest), "here") == content.manifest
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.integers(0, 2**32), st.sampled_from(["context.yaml", "features.parquet", "pictures.parquet"]))
 def test_a_damaged_file_never_crashes_the_check(seed: int, name: str) -> None:
     storage = MemoryStorage()
@@ -149,7 +149,7 @@ lines = st.lists(
 ).filter(lambda found: any(value is not None for _, _, value in found))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(lines)
 def test_an_import_averages_what_is_known_of_each_cell(found: list[tuple[int, int, float | None]]) -> None:
     text = "row,col,exg\n" + "".join(f"{row},{col},{'' if value is None else value}\n" for row, col, value in found)
@@ -162,7 +162,7 @@ def test_an_import_averages_what_is_known_of_each_cell(found: list[tuple[int, in
             np.testing.assert_allclose(imported[row, column], expected, atol=1e-9)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.text(alphabet='row,col exg\n\t;"0123456789.-naN', max_size=80))
 def test_no_text_crashes_an_import(text: str) -> None:
     options = ImportOptions("plot", DATE, cell_height_m=1.0, cell_width_m=1.0)

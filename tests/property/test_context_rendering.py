@@ -46,13 +46,13 @@ def luma(picture: NDArray[np.int64]) -> float:
     return float(picture.reshape(-1, 3).mean(axis=0) @ [0.299, 0.587, 0.114]) / 255
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(appearances)
 def test_excess_green_is_met_wherever_it_can_be_drawn(look: Appearance) -> None:
     assert excess_green(pixels(render(look))) == pytest.approx(look.exg, abs=0.01)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(of_fields)
 def test_fields_show_their_excess_green_their_brightness_and_their_plants(look: Appearance) -> None:
     picture = pixels(render(look))
@@ -65,7 +65,7 @@ def test_fields_show_their_excess_green_their_brightness_and_their_plants(look: 
 
 
 @given(of_fields)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_the_same_cell_is_always_drawn_the_same(look: Appearance) -> None:
     assert render(look) == render(look)
 

@@ -6,10 +6,10 @@ from hypothesis import strategies as st
 
 from fleet.contexts.grid import Grid
 from fleet.learning.experience import choices, concatenate, empty, from_log, from_logs, from_trace
-from fleet.learning.history import ThresholdHA
 from fleet.learning.model import Transitions
 from fleet.learning.reward import Normaliser, RewardModel
 from fleet.missions.flight import Flight
+from fleet.missions.history import ThresholdHA
 from fleet.missions.layout import MOVES, Layout, plan_layout
 from fleet.missions.records import Record
 from fleet.simulator.batch import Batch
@@ -44,7 +44,7 @@ def assert_same(one: Transitions, other: Transitions) -> None:
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.booleans())
 def test_a_log_and_a_trace_of_the_same_mission_teach_the_same(seed: int, agents: int, transit: bool) -> None:
     generator = np.random.default_rng(seed)

@@ -54,14 +54,14 @@ def plain_neighbour_mean(values: Values, grid: Grid) -> Values:
     return result
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(fields())
 def test_neighbour_mean_is_the_plain_one(field: tuple[Values, Grid]) -> None:
     values, grid = field
     np.testing.assert_allclose(neighbour_mean(values, grid), plain_neighbour_mean(values, grid), rtol=1e-9, atol=1e-9)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(fields(), st.sampled_from([neighbour_mean, lambda values, grid: krige(values, grid).values]))
 def test_captured_cells_keep_their_value_and_all_cells_with_data_get_one(field, extrapolate) -> None:  # type: ignore[no-untyped-def]  # drawn
     values, grid = field
@@ -71,7 +71,7 @@ def test_captured_cells_keep_their_value_and_all_cells_with_data_get_one(field, 
     np.testing.assert_array_equal(np.isfinite(predicted), grid.valid if known.any() else np.zeros_like(known))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(fields(), st.floats(-1e3, 1e3), st.sampled_from([0.5, 2.0, 10.0]))
 def test_kriging_follows_a_shift_and_a_scale(field: tuple[Values, Grid], shift: float, scale: float) -> None:
     values, grid = field
@@ -80,7 +80,7 @@ def test_kriging_follows_a_shift_and_a_scale(field: tuple[Values, Grid], shift: 
     np.testing.assert_allclose(moved.deviation, plain.deviation * scale, rtol=1e-4, atol=1e-6 * scale)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(fields())
 def test_kriging_from_all_captured_cells_is_the_plain_one(field: tuple[Values, Grid]) -> None:
     values, grid = field
@@ -121,7 +121,7 @@ def plain_kriging(values: Values, grid: Grid, variogram: Variogram) -> tuple[Val
     return expected, deviation
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(fields())
 def test_the_variogram_by_fourier_transform_is_that_of_all_pairs(field: tuple[Values, Grid]) -> None:
     values, grid = field
@@ -150,7 +150,7 @@ def square_root(side: int, length: float) -> Values:
     return np.linalg.cholesky(matern32(lag / length) + 1e-9 * np.eye(len(places)))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([1.5, 3.0, 5.0]))
 def test_a_field_with_structure_is_found_to_have_it(seed: int, length: float) -> None:
     truth = (square_root(16, length) @ np.random.default_rng(seed).normal(size=256)).reshape(16, 16)

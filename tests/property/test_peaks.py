@@ -29,13 +29,13 @@ def plain_peaks(values: list[int], step: float) -> list[int]:
     return found
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(HEIGHTS, st.sampled_from([0.5, 1.5, 3.0]))
 def test_peaks_are_those_of_the_plain_scan(values: list[int], step: float) -> None:
     assert len(peaks(np.array(values), step)) == len(plain_peaks(values, step))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.integers(0, 12), st.integers(1, 5), st.integers(1, 5))
 def test_equal_bumps_are_counted(bumps: int, width: int, gap: int) -> None:
     row = ([0.0] * gap + [5.0] * width) * bumps + [0.0] * gap

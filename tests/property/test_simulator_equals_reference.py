@@ -88,14 +88,14 @@ def assert_same(left: Flown | Trace, right: Flown | Trace) -> None:
             assert other is None, field.name
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(cases())
 def test_same_seed_gives_the_same_trace_as_the_reference(case: tuple[Layout, Batch]) -> None:
     layout, batch = case
     assert_same(fly(layout, batch, traced=True), reference.fly(layout, batch, traced=True))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(cases(), st.integers(1, 5))
 def test_eval_in_flight_is_asked_the_same_and_lands_the_same(case: tuple[Layout, Batch], rarely: int) -> None:
     layout, batch = case
@@ -115,7 +115,7 @@ def test_eval_in_flight_is_asked_the_same_and_lands_the_same(case: tuple[Layout,
     assert asked[0] == asked[1]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(cases())
 def test_a_trace_changes_nothing(case: tuple[Layout, Batch]) -> None:
     layout, batch = case
@@ -126,7 +126,7 @@ def test_a_trace_changes_nothing(case: tuple[Layout, Batch]) -> None:
             np.testing.assert_array_equal(getattr(plain, field.name), getattr(traced, field.name))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(cases())
 def test_every_group_is_explored_and_no_cell_is_captured_twice(case: tuple[Layout, Batch]) -> None:
     layout, batch = case
@@ -160,7 +160,7 @@ def assert_groups_are_done(
         )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(cases())
 def test_energy_is_the_sum_over_the_trace(case: tuple[Layout, Batch]) -> None:
     layout, batch = case

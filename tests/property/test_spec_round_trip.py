@@ -33,7 +33,7 @@ values = st.recursive(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(fleet_documents())
 def test_a_written_spec_is_read_again(document: Document) -> None:
     spec = parse_fleet_spec(document)
@@ -44,7 +44,7 @@ def test_a_written_spec_is_read_again(document: Document) -> None:
     assert check(spec) == []
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(fleet_documents())
 def test_kubernetes_takes_a_valid_spec_with_the_same_defaults(document: Document) -> None:
     assert refusals(SCHEMA, document) == []
@@ -55,14 +55,14 @@ def test_kubernetes_takes_a_valid_spec_with_the_same_defaults(document: Document
     assert admitted(SCHEMA, written) == written
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(values)
 def test_written_yaml_is_read_again(value: Any) -> None:
     read = read_yaml(write_yaml({"value": value}))
     assert [(document.value, document.problems) for document in read] == [({"value": value}, ())]
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.text(max_size=60) | st.text("-: []{}\t\n'\"#&*!|>%@`,?abc123.", max_size=60))
 def test_any_text_is_read_or_refused_in_words(text: str) -> None:
     found = [Problem("", "read")]
@@ -73,7 +73,7 @@ def test_any_text_is_read_or_refused_in_words(text: str) -> None:
     assert all(problem.message for problem in found)
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(fleet_documents(), st.data())
 def test_any_value_in_the_place_of_a_part_is_told_or_taken(document: Document, data: st.DataObject) -> None:
     part = data.draw(st.sampled_from(sorted(document["spec"])))

@@ -101,7 +101,7 @@ def test_what_a_model_that_is_gone_had_is_shared_out() -> None:
     assert only_gone == found
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(histories, st.integers(0, 2**32), st.sampled_from([WITH, WITHOUT]))
 def test_proposals_are_weights_near_the_best_that_was_flown_and_the_same_for_a_seed(
     history: History, seed: int, learning: OnlineLearning
@@ -140,7 +140,7 @@ def test_the_history_knows_what_has_flown() -> None:
 
 
 @given(st.integers(1, 20), st.integers(0, 2**32), st.integers(1, 40))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_candidates_and_replays_are_points_on_the_simplex(models: int, seed: int, count: int) -> None:
     best = np.full(models, 1.0 / models)
     last = np.eye(models)[0]

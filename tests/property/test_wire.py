@@ -50,19 +50,19 @@ def over_the_wire(message: object) -> dict[str, object]:
     return wire.load(data)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(OBSERVATIONS)
 def test_observations(observation: Observation) -> None:
     assert wire.decode_observation(over_the_wire(wire.encode_observation(observation))) == observation
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(environments())
 def test_environments(environment: Environment) -> None:
     same_environment(wire.decode_environment(over_the_wire(wire.encode_environment(environment))), environment)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.data(), environments(), st.lists(NAMES, unique=True, max_size=4), st.lists(AGENTS, max_size=3))
 def test_evaluation_requests(
     data: st.DataObject, environment: Environment, features: list[str], agents: list[AgentMetrics]
@@ -77,7 +77,7 @@ def test_evaluation_requests(
     same_environment(found.environment, environment)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.booleans(),
     st.dictionaries(NAMES, FINITE, max_size=4),
@@ -100,7 +100,7 @@ FIELDS = st.sampled_from(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.dictionaries(FIELDS, JSON | st.dictionaries(FIELDS, JSON, max_size=3), max_size=5))
 def test_any_object_is_decoded_or_refused_with_a_wire_error(message: dict[str, object]) -> None:
     for decode in (wire.decode_observation, wire.decode_environment, wire.decode_evaluation_request):

@@ -9,12 +9,12 @@ import pytest
 
 from fleet.contexts.grid import Grid
 from fleet.missions.flight import LAND, Decision, Flight
+from fleet.missions.history import ThresholdHA
 from fleet.missions.layout import Layout, plan_layout
-from fleet.simulator.reference import Thresholds
 from fleet.spec.swarm import CARDINAL, Action, AgentSpec, Groups, Start, StateSpace
 
 NORTH, SOUTH, EAST, WEST = range(4)
-EVERYTHING = Thresholds(utility=float("inf"), visited=1000)
+EVERYTHING = ThresholdHA(utility_threshold=float("inf"), visited_threshold=1000)
 
 
 def layout_of(
@@ -67,9 +67,9 @@ def test_without_a_legal_move_the_agent_travels_to_the_nearest_state_that_is_lef
 
 def test_ha_leaves_a_group_above_a_threshold_not_at_it() -> None:
     layout = layout_of(["xxxx"], (1, 3))
-    at = fly(Flight(layout, 0, Thresholds(utility=10.0, visited=2)), prefer=[EAST])
+    at = fly(Flight(layout, 0, ThresholdHA(utility_threshold=10.0, visited_threshold=2)), prefer=[EAST])
     assert [decision.cell for decision in at] == [0, 1, 2, 3]
-    above = fly(Flight(layout, 0, Thresholds(utility=10.0, visited=1)), prefer=[EAST])
+    above = fly(Flight(layout, 0, ThresholdHA(utility_threshold=10.0, visited_threshold=1)), prefer=[EAST])
     assert [(decision.cell, decision.legal != 0) for decision in above] == [
         (0, True),
         (1, False),
@@ -79,7 +79,7 @@ def test_ha_leaves_a_group_above_a_threshold_not_at_it() -> None:
 
 
 def test_utility_counts_moves_and_not_the_take_off_cell() -> None:
-    flight = Flight(layout_of(["xxxx"], (1, 4)), 0, Thresholds(utility=1.5, visited=1000))
+    flight = Flight(layout_of(["xxxx"], (1, 4)), 0, ThresholdHA(utility_threshold=1.5, visited_threshold=1000))
     fly(flight, prefer=[EAST], reward=1.0)
     assert (flight.utility, flight.visited, flight.cell) == ({0: 2.0}, {0: 3}, 2)
 
@@ -92,7 +92,9 @@ def test_travel_goes_the_longer_way_first_and_along_the_column_of_equals() -> No
 
 @pytest.mark.parametrize(("in_transit", "captured"), [(True, [0, 1, 2, 3]), (False, [0, 1, 3])])
 def test_states_on_the_way_are_captured_when_the_spec_says_so(in_transit: bool, captured: list[int]) -> None:
-    flight = Flight(layout_of(["xxxx"], (1, 3), in_transit=in_transit), 0, Thresholds(utility=10.0, visited=1))
+    flight = Flight(
+        layout_of(["xxxx"], (1, 3), in_transit=in_transit), 0, ThresholdHA(utility_threshold=10.0, visited_threshold=1)
+    )
     fly(flight, prefer=[EAST])
     assert sorted(flight.captured) == captured
 
@@ -144,7 +146,7 @@ def test_random_choices_depend_on_seed_mission_agent_and_step_alone() -> None:
 
 def test_the_two_halves_of_a_decision_are_the_decision() -> None:
     layout = layout_of(["xxx", "x.x", "xxx"], (2, 2))
-    whole, halves = (Flight(layout, 0, Thresholds(2.0, 2)) for _ in range(2))
+    whole, halves = (Flight(layout, 0, ThresholdHA(2.0, 2)) for _ in range(2))
     log = fly(whole, prefer=[SOUTH, EAST], reward=0.5)
     again = []
     while not halves.landed:

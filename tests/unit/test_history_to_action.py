@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from fleet.learning.history import ThresholdHA
+from fleet.missions.history import ThresholdHA
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from tests.conftest import ROOT
 HEAVY = ("skopt", "sklearn", "scipy", "torch", "stable_baselines3", "numba", "gymnasium", "matplotlib")
 
 
-@pytest.mark.parametrize("module", ["models", "blend", "history", "experience", "reward", "goals"])
+@pytest.mark.parametrize("module", ["models", "blend", "experience", "reward", "goals"])
 def test_what_an_agent_flies_with_loads_nothing_heavy(module: str) -> None:
     program = f"import sys, fleet.learning.{module}; print([name for name in {HEAVY} if name in sys.modules])"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}

@@ -140,6 +140,15 @@ def test_without_a_context_shaping_says_what_to_write(tmp_path: Path) -> None:
         shape(fleet, Grounds((), full.agents, full.energy, full.evaluator), run_in(tmp_path)[0])
 
 
+def test_a_pretrained_model_of_another_kind_is_refused(tmp_path: Path) -> None:
+    fleet = field_fleet()
+    grounds = field_grounds(fleet)
+    model = blank_model(fleet.sa, FEATURES, Normaliser.over([terrain.ssv for terrain in grounds.terrains]), 0)
+    run = Run(LocalStorage(tmp_path), "shaping", pretrained=model)
+    with pytest.raises(ModelError, match=r"of kind QLearning, but sa.kind is DQN; write the model's kind there"):
+        shape(field_fleet(sa={"kind": "DQN"}), grounds, run)
+
+
 def test_a_pretrained_model_for_another_ssv_is_refused(tmp_path: Path) -> None:
     fleet = field_fleet()
     other = blank_model(fleet.sa, ("exg",), Normaliser(low=(0.0,), high=(1.0,)), 0)

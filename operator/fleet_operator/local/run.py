@@ -142,6 +142,7 @@ class Run:
         Every context is opened once, so that a broken one is told at once and not by the first Job.
         """
         application = self._application
+        subsets_for(application.fleet)  # the user's own aggregation: what is wrong with it is told before training
         application.copy_contexts(application.storage)
         for spec in application.fleet.contexts:
             for remark in load_context(application.storage, application.paths.context(spec.name)).remarks:

@@ -20,7 +20,6 @@ from fleet.functions.classes import class_mean, classes
 from fleet.functions.contract import AgentMetrics, FeatureSpace, Metrics
 from fleet.functions.evaluation import evaluation_metrics, yield_map
 from fleet.functions.extrapolation import Extrapolation, extrapolate
-from fleet.learning.history import ThresholdHA
 from fleet.learning.reward import Normaliser, RewardModel
 from fleet.missions.accounting import agent_metrics
 from fleet.missions.documents import (
@@ -33,6 +32,7 @@ from fleet.missions.documents import (
     judge,
 )
 from fleet.missions.flight import LAND, Flight
+from fleet.missions.history import ThresholdHA
 from fleet.missions.layout import MOVES, Layout, plan_layout
 from fleet.missions.records import Record
 from fleet.randomness import uniform
