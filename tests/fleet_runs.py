@@ -74,7 +74,10 @@ def application(folder: Path, missions: int | None = None, seed: int | None = No
 
 def set_faults(run: Application, faults: Mapping[str, Mapping[str, float]]) -> None:
     """Have stand-ins go wrong; see `stand_in_roles`."""
-    run.storage.write(f"{run.paths.root}/faults.json", json.dumps(faults).encode())
+    folder = f"{run.paths.root}/faults"
+    run.storage.delete(folder)
+    for program, fault in faults.items():
+        run.storage.write(f"{folder}/{program}.json", json.dumps(fault).encode())
 
 
 def no_report(storage: Storage, paths: FleetPaths, out: Path) -> Path:

@@ -9,7 +9,7 @@ import pytest
 
 from fleet.energy.accounting import FlightCounts
 from fleet.energy.model import energy_model
-from fleet.errors import ContextError, FleetError, MissionError
+from fleet.errors import ContextError, FleetError, FunctionError, MissionError
 from fleet.missions.accounting import agent_metrics
 from fleet.missions.documents import Landing, MissionOrder
 from fleet_operator.local.application import Application
@@ -70,6 +70,14 @@ def assert_mission_2_flew_with_the_models_of_mission_1(fleet: Application) -> No
         **{key: fleet.paths.model(1, key) for key in ("1", "2", "1-2")},
     }
     assert order.weights == {agent: {"initial": 1.0} for agent in ("agent-1", "agent-2")}
+
+
+def test_an_aggregation_of_the_users_own_that_fails_is_told_before_training(tmp_path: Path) -> None:
+    own = {"kind": "Custom", "function": "own:map_observation"}
+    display = Recorder()
+    with pytest.raises(FunctionError, match="own:map_observation: answered"):
+        run(tmp_path, display, aggregation=own)
+    assert display.phases == ["copying contexts", "writing the report"]
 
 
 def test_the_same_command_adds_missions_to_a_finished_run(tmp_path: Path) -> None:

@@ -9,8 +9,10 @@ import pytest
 from fleet.missions.documents import GoalResult
 from fleet.spec.swarm import Goal
 from fleet_operator.local.display import Gauge
+from fleet_operator.local.ledger import RunDocument
 from fleet_operator.local.observe import trainer_gauges
-from fleet_operator.local.outcome import miss
+from fleet_operator.local.outcome import miss, show
+from fleet_operator.local.service import ModelStanding, Summary
 
 
 @pytest.mark.parametrize(
@@ -23,6 +25,15 @@ from fleet_operator.local.outcome import miss
 )
 def test_a_missed_goal_says_by_how_much(goal: Goal, value: float | None, text: str) -> None:
     assert miss(GoalResult(goal=goal, value=value, met=False)) == text
+
+
+def test_of_many_models_the_most_useful_are_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    models = [ModelStanding(str(number), None, 1) for number in range(30)]
+    models[20] = ModelStanding("20", 0.5, 4)
+    show(Summary(0, (), tuple(models), RunDocument.model_construct(), tmp_path))
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1:4] == ["model  usefulness  level", "20          0.500      4", "0               -      1"]
+    assert lines[18] == "and 14 less useful ones, which are in the report"
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import typer
@@ -9,7 +10,9 @@ import typer
 from fleet.cli import console
 from fleet.errors import ExitCode
 from fleet.missions.documents import GoalResult, MissionEvaluation
-from fleet_operator.local.service import Summary
+from fleet_operator.local.service import ModelStanding, Summary
+
+_MODELS_SHOWN = 16
 
 
 def show(summary: Summary) -> None:
@@ -21,14 +24,24 @@ def show(summary: Summary) -> None:
         )
     if summary.models:
         console.say()
-        rows = [(each.key, _number(each.usefulness), _level(each.level)) for each in summary.models]
-        console.table(("model", "usefulness", "level"), rows)
+        _show_models(summary.models)
     console.say()
     if len(summary.missions) < summary.asked:
         console.say(f"suspended after {len(summary.missions)} of {summary.asked} missions: spec.suspend is true")
     console.say(f"report: {summary.report or 'could not be written'}")
     for result in summary.missed:
         typer.secho(f"GOAL MISSED: {miss(result)}", fg=typer.colors.RED, bold=True, err=True)
+
+
+def _show_models(models: Sequence[ModelStanding]) -> None:
+    """All models, or the most useful of many: a powerset of 8 agents has 255."""
+    shown = models
+    if len(models) > _MODELS_SHOWN:
+        shown = sorted(models, key=lambda each: -(each.usefulness or 0.0))[:_MODELS_SHOWN]
+    rows = [(each.key, _number(each.usefulness), _level(each.level)) for each in shown]
+    console.table(("model", "usefulness", "level"), rows)
+    if len(shown) < len(models):
+        console.say(f"and {len(models) - len(shown)} less useful ones, which are in the report")
 
 
 def exit_code(summary: Summary) -> ExitCode:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from fleet.errors import FleetError
+from fleet.errors import ExitCode, FleetError
 from fleet.spec.base import quantity_value
 
 Manifest = Mapping[str, Any]
@@ -18,6 +18,8 @@ Manifest = Mapping[str, Any]
 
 class UnsupportedManifest(FleetError):
     """A manifest asks for something that the local runner does not have."""
+
+    exit_code = ExitCode.USAGE
 
 
 @dataclass(frozen=True)
