@@ -77,7 +77,7 @@ def set_faults(run: Application, faults: Mapping[str, Mapping[str, float]]) -> N
     folder = f"{run.paths.root}/faults"
     run.storage.delete(folder)
     for program, fault in faults.items():
-        run.storage.write(f"{folder}/{program}.json", json.dumps(fault).encode())
+        run.storage.write(f"{folder}/{program.replace(' ', '/')}.json", json.dumps(fault).encode())
 
 
 def no_report(storage: Storage, paths: FleetPaths, out: Path) -> Path:

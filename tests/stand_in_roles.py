@@ -1,8 +1,8 @@
 """Stand-ins for the platform's programs, so that the runner is tested without learning or flying anything.
 
 Run as `python stand_in_roles.py ROLE`, or with `serve map|eval FUNCTION --host H --port P`. They read the same
-environment and leave the same documents as the real ones. `faults/workflow agent-1.json` in the fleet's folder of the storage
-says what goes wrong with a program: {"code": 65, "times": 1}; `"sleep": 60` is slept before.
+environment and leave the same documents as the real ones. `faults/workflow/agent-1.json` in the fleet's folder of the
+storage says what goes wrong with "workflow agent-1": {"code": 65, "times": 1}; `"sleep": 60` is slept before.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def write(settings: Settings, path: str, document: Any) -> None:
 
 def fault(settings: Settings, key: str) -> None:
     """Do what the faults of this program say, so many times; each has its own object, as programs run side by side."""
-    path = f"{settings.paths.root}/faults/{key}.json"
+    path = f"{settings.paths.root}/faults/{key.replace(' ', '/')}.json"
     if not settings.storage.exists(path):
         return
     wanted = json.loads(settings.storage.read(path))

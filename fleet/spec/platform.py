@@ -104,7 +104,12 @@ class MissionPlan(Model):
         description="Accelerated: replayed actions take no time, but are accounted in full.",
     )
     seed: Seed = Field(default=0, description="Seed of everything that is random.")
-    agent_retries: int = Field(default=20, description="How often a role of a mission is started again.", ge=0, le=1000)
+    agent_retries: int = Field(
+        default=20,
+        description="How often a sensor or a workflow is started again; trainer and aggregators at most 6 times.",
+        ge=0,
+        le=1000,
+    )
 
 
 class Deciding(StrEnum):

@@ -119,7 +119,7 @@ def test_exit_code_65_fails_the_job_at_once(bed: Bed) -> None:
     bed.machine.apply([job("broken", container("main", "raise SystemExit(65)"), backoff_limit=20)])
     assert bed.until_ended("broken") == [JobState.FAILED]
     assert bed.kinds("broken") == [PodStarted, JobFailed]
-    assert bed.machine.message("broken") == "broken failed: main ended with exit code 65"
+    assert bed.machine.message("broken").startswith("broken failed: main ended with exit code 65; it wrote nothing to ")
 
 
 def test_a_killed_main_container_is_started_again(bed: Bed) -> None:
@@ -135,7 +135,7 @@ def test_a_killed_main_container_is_started_again(bed: Bed) -> None:
     os.kill(int(marker.read_text()), signal.SIGKILL)
     assert bed.until_ended("flight") == [JobState.SUCCEEDED]
     [died] = [event for event in bed.events if isinstance(event, ContainerDied)]
-    assert died.reason == "main ended with exit code 137 (killed)"
+    assert died.reason.startswith("main ended with exit code 137 (killed); it wrote nothing to ")
 
 
 def test_a_sidecar_that_dies_is_started_again_at_the_same_address_and_the_flight_goes_on(bed: Bed) -> None:
@@ -162,7 +162,8 @@ while len(seen) < 2:
     os.kill(victim, signal.SIGKILL)
     assert bed.until_ended("flight") == [JobState.SUCCEEDED]
     [died] = [event for event in bed.events if isinstance(event, ContainerDied)]
-    assert (died.container, died.reason) == ("map", "map ended with exit code 137 (killed)")
+    assert died.container == "map"
+    assert died.reason.startswith("map ended with exit code 137 (killed); it wrote nothing to ")
 
 
 def test_a_sidecar_that_can_never_start_fails_the_job_with_its_log(bed: Bed) -> None:

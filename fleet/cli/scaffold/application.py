@@ -22,6 +22,8 @@ FIELDS = {"practice": 1, "field": 2}
 """Seeds of the contexts."""
 _LONGEST = 40
 _OWN = ("fleet", "fleet_operator")
+_SHADOWS = {"fleet", "fleet_operator"}
+"""Folders that Python takes for these packages when it is started beside them."""
 
 
 def make_application(folder: Path) -> tuple[Path, ...]:
@@ -77,6 +79,9 @@ def _check(folder: Path) -> None:
     if re.fullmatch(NAME_PATTERN, folder.name) is None or len(folder.name) > _LONGEST:
         hint = f"use at most {_LONGEST} small letters, digits and `-`, such as my-swarm"
         problems.append(Problem("NAME", f"{folder.name!r} is not a name for a fleet", hint))
+    if folder.name in _SHADOWS:
+        hint = "choose another name, such as my-swarm"
+        problems.append(Problem("NAME", f"a folder called {folder.name} hides the package of that name", hint))
     if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
         problems.append(Problem("NAME", f"{folder} is there already", "nothing was changed; choose another name"))
     if problems:

@@ -32,3 +32,6 @@ PROBE_PERIOD_S = 1
 PROBE_TIMEOUT_S = 2
 PROBE_FAILURES = 120
 """Seconds that a user's function may take to load."""
+
+LEARNING_RETRIES = 6
+"""How often a trainer or an aggregator is started again; Kubernetes' own default of backoffLimit."""

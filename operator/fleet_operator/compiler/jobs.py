@@ -9,7 +9,7 @@ from typing import Any
 from fleet_operator.compiler import defaults
 from fleet_operator.compiler.target import Target
 from fleet_operator.resources import names
-from fleet_operator.resources.roles import LOWEST_LEVEL, Role
+from fleet_operator.resources.roles import LOWEST_LEVEL, REAL_TIME_LEVEL, Role
 
 Manifest = dict[str, Any]
 
@@ -74,7 +74,7 @@ def job(target: Target, identity: Identity, main: Manifest, sidecars: Sequence[M
         "metadata": {"name": identity.name, "namespace": target.spec.metadata.namespace, "labels": shown},
         "spec": {
             "suspend": identity.level == LOWEST_LEVEL,
-            "backoffLimit": target.fleet.missions.agent_retries,
+            "backoffLimit": _retries(target, identity),
             "podFailurePolicy": {
                 "rules": [
                     {
@@ -91,6 +91,12 @@ def job(target: Target, identity: Identity, main: Manifest, sidecars: Sequence[M
             "template": {"metadata": {"labels": dict(shown)}, "spec": _pod(target, identity, main, sidecars)},
         },
     }
+
+
+def _retries(target: Target, identity: Identity) -> int:
+    """Agents in flight are worth many tries; what only learns is not, for its input stays the same."""
+    wanted = target.fleet.missions.agent_retries
+    return wanted if identity.level == REAL_TIME_LEVEL else min(wanted, defaults.LEARNING_RETRIES)
 
 
 def _pod(target: Target, identity: Identity, main: Manifest, sidecars: Sequence[Manifest]) -> Manifest:

@@ -201,7 +201,8 @@ class Pod:
     def _reason(self, slot: _Slot, code: int) -> str:
         what = slot.killed_for or f"ended with exit code {code}{_signal_words(code)}"
         tail = last_lines(slot.log)
-        return f"{slot.container.name} {what}" + (f"; the end of {slot.log}:\n{tail}" if tail else "")
+        said = f"the end of {slot.log}:\n{tail}" if tail else f"it wrote nothing to {slot.log}"
+        return f"{slot.container.name} {what}; {said}"
 
 
 def last_lines(log: Path) -> str:
