@@ -49,7 +49,11 @@ $(VENV)/.whole:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "Python 3.11 or later is needed; name one with: make PYTHON=/path/to/python3 ..." >&2; exit 1; }
 	@echo "set-up: a virtual environment in $(VENV)"
-	@if [ -e $(VENV)/pyvenv.cfg ]; then rm -rf $(VENV); fi
+	@if [ -e $(VENV)/.ours ]; then rm -rf $(VENV); fi
+	@if [ -e $(VENV) ]; then \
+	  echo "set-up: $(VENV) was not made by make, and stays as it is; move it away, or choose another with VENV=" >&2; \
+	  exit 1; fi
+	@mkdir -p $(VENV) && touch $(VENV)/.ours
 	@$(PYTHON) -m venv $(VENV) >/dev/null 2>&1 || { \
 	  echo "set-up: installing python3-venv, which this system lacks"; \
 	  if [ "$$(id -u)" = 0 ]; then SUDO=; else SUDO=sudo; fi; \
