@@ -10,7 +10,7 @@ PIP = [ -t 1 ] || quiet=--quiet; $(BIN)/python -m pip --disable-pip-version-chec
 WORKERS := $(shell nproc 2>/dev/null || echo auto)
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint generate bench format clean
+.PHONY: help setup demo cluster cluster-down demo-cluster test testbed crash-test lint generate bench format clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 18
@@ -20,8 +20,23 @@ setup: $(VENV)/.installed ## a virtual environment with the fleet command
 demo: $(VENV)/.installed ## fly examples/crop-scouting end to end on this machine
 	@$(BIN)/fleet run examples/crop-scouting/fleetspec.yaml --out $(OUT) --fresh
 
-test: $(VENV)/.installed-dev ## every test
-	@$(BIN)/python -m pytest -n $(WORKERS) --maxprocesses 8
+cluster: $(VENV)/.installed-dev ## a real Kubernetes of one hub and three edge machines on this computer (Linux, root)
+	@$(BIN)/python -m tests.testbed up
+
+cluster-down: $(VENV)/.installed-dev ## end it
+	@$(BIN)/python -m tests.testbed down
+
+demo-cluster: $(VENV)/.installed-dev ## helm install, kubectl apply, three missions over HDFS on that cluster, report
+	@$(BIN)/python -m tests.testbed.demo
+
+test: $(VENV)/.installed-dev testbed ## every test
+	@$(BIN)/python -m pytest -n $(WORKERS) --maxprocesses 8 --dist loadgroup
+
+testbed: $(VENV)/.installed-dev ## build what the tests on real clusters need: Kubernetes, HDFS, images (once; 15 minutes)
+	@$(BIN)/python -m tests.testbed build --if-possible
+
+crash-test: $(VENV)/.installed-dev testbed ## kill the operator after each of its writes, and compare the results
+	@$(BIN)/python -m tests.crash --all
 
 lint: $(VENV)/.installed-dev ## style, types, layers, generated files
 	@$(BIN)/ruff format --check .

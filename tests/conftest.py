@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+pytest_plugins = ["tests.testbed.fixtures", "tests.testbed.hdfs_fixtures"]
+
 ROOT = Path(__file__).resolve().parent.parent
 
 # How fast a machine is says nothing about the code: examples have no deadline, and making them may take long.

@@ -106,7 +106,7 @@ def words(out: Path) -> str:
 
 def processes_of(out: Path, *parts: str) -> list[int]:
     """Process numbers of a run's roles whose command line has all of these parts, lowest first."""
-    mark = f"FLEET_STORAGE_URI={(out / 'storage').absolute().as_uri()}".encode()
+    mark = f"HOME={(out / 'volumes').absolute()}/".encode()
     return sorted(pid for pid, command in _commands(mark) if all(part in command for part in parts))
 
 
@@ -115,7 +115,7 @@ def _commands(mark: bytes) -> Iterator[tuple[int, Sequence[str]]]:
         if not folder.name.isdigit():
             continue
         try:
-            if mark in (folder / "environ").read_bytes().split(b"\0"):
+            if any(each.startswith(mark) for each in (folder / "environ").read_bytes().split(b"\0")):
                 yield int(folder.name), (folder / "cmdline").read_text().split("\0")
         except OSError:  # it ended meanwhile
             continue

@@ -7,6 +7,7 @@ storage says what goes wrong with "workflow agent-1": {"code": 65, "times": 1}; 
 
 from __future__ import annotations
 
+import contextlib
 import http.server
 import json
 import os
@@ -61,6 +62,12 @@ def serve(host: str, port: int) -> None:
             self.end_headers()
             self.wfile.write(b"ok")
 
+        def do_POST(self) -> None:
+            """A sensor is released."""
+            self.do_GET()
+            self.wfile.flush()
+            os._exit(0)
+
         def log_message(self, *arguments: object) -> None:
             """Quiet."""
 
@@ -78,17 +85,25 @@ def ask(url: str) -> None:
     raise SystemExit(75)
 
 
+def release(url: str) -> None:
+    with contextlib.suppress(OSError):
+        urllib.request.urlopen(urllib.request.Request(f"{url}/release", b"{}"), timeout=5).read()
+
+
 def fly(settings: Settings) -> None:
-    for url in (settings.sensor_url, settings.map_url, settings.eval_url):
-        ask(str(url))
     landing = settings.paths.landing(settings.mission, settings.agent)
     if not settings.storage.exists(landing):
-        record = Record(0, 0, 0, 0, True, (1.0,), 0, -1, "Land", 10.0, 1000.0)
-        settings.storage.append(settings.paths.log(settings.mission, settings.agent), record.to_line())
+        for url in (settings.sensor_url, settings.map_url, settings.eval_url):
+            ask(str(url))
+        log = settings.paths.log(settings.mission, settings.agent)
+        if not settings.storage.exists(log):  # one that is started again goes on after its last record
+            record = Record(0, 0, 0, 0, True, (1.0,), 0, -1, "Land", 10.0, 1000.0)
+            settings.storage.append(log, record.to_line())
         fault(settings, f"workflow {settings.agent}")
         metrics = AgentMetrics(settings.agent, 1, 1, 10.0, 1000.0, 10.0, 1, 1)
         write(settings, landing, Landing(agent=settings.agent, metrics=metrics))
     evaluate(settings)
+    release(settings.sensor_url)
 
 
 def evaluate(settings: Settings) -> None:
@@ -154,6 +169,8 @@ def main(arguments: list[str]) -> None:
     match arguments[0]:
         case "sensor":
             fault(settings, f"sensor {settings.agent}")
+            if settings.storage.exists(settings.paths.landing(settings.mission, settings.agent)):
+                return
             serve(settings.bind, settings.port)
         case "workflow":
             fly(settings)

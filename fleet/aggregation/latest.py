@@ -18,11 +18,14 @@ def latest_models(
         number: The mission; only what was retrained after earlier ones counts.
         subsets: Keys of the fleet's subsets.
     """
-    there = {entry.path for entry in storage.list(f"{paths.root}/missions")}
-    found = [ModelReference(key=INITIAL, path=paths.initial_model)]
-    for subset in subsets:
-        candidates = (paths.model(mission, subset) for mission in range(number - 1, 0, -1))
-        latest = next((path for path in candidates if path in there), None)
-        if latest is not None:
-            found.append(ModelReference(key=subset, path=latest))
-    return tuple(found)
+    keys = list(subsets)
+    latest: dict[str, str] = {}
+    for mission in range(number - 1, 0, -1):
+        if len(latest) == len(keys):
+            break
+        there = {entry.path for entry in storage.list(f"{paths.mission(mission)}/models")}
+        for subset in keys:
+            if paths.model(mission, subset) in there:
+                latest.setdefault(subset, paths.model(mission, subset))
+    retrained = [ModelReference(key=subset, path=latest[subset]) for subset in keys if subset in latest]
+    return (ModelReference(key=INITIAL, path=paths.initial_model), *retrained)

@@ -12,11 +12,15 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-from fleet.errors import CallSite, FunctionError, Problem, SpecError
+from pydantic import Field
+
+from fleet.errors import CallSite, FunctionError, ObjectNotFound, Problem, SpecError
 from fleet.functions.resolve import resolve
-from fleet.spec.base import POWERSET_LIMIT
+from fleet.spec.base import POWERSET_LIMIT, Model
 from fleet.spec.platform import AggregationKind
 from fleet.spec.resources import Fleet
+from fleet.storage.layout import FleetPaths
+from fleet.storage.port import Storage
 
 LONGEST_KEY = 20
 """Keys are a part of object names, which are DNS labels."""
@@ -36,6 +40,13 @@ class Subset:
 
     agents: tuple[str, ...]
     key: str
+
+
+class SubsetsDocument(Model):
+    """subsets.json: what the user's own aggregation answered."""
+
+    function: str
+    subsets: dict[str, tuple[str, ...]] = Field(description="Agents by the key of the subset.")
 
 
 def key_of(numbers: Sequence[int], agents: int) -> str:
@@ -78,6 +89,43 @@ def subsets_for(fleet: Fleet) -> tuple[Subset, ...]:
         Subset(tuple(names[index] for index in subset), key_of([index + 1 for index in subset], len(names)))
         for subset in numbers
     )
+
+
+def write_subsets(fleet: Fleet, storage: Storage, paths: FleetPaths) -> None:
+    """Ask the user's own aggregation, and keep what it answers for those who must not run it; nothing for the others.
+
+    Raises:
+        FunctionError: as `subsets_for`.
+    """
+    if fleet.aggregation_kind is not AggregationKind.CUSTOM:
+        return
+    asked = SubsetsDocument(
+        function=fleet.aggregation.function or "", subsets={each.key: each.agents for each in subsets_for(fleet)}
+    )
+    data = asked.model_dump_json(by_alias=True, indent=1).encode()
+    try:
+        if storage.read(paths.subsets) == data:
+            return
+    except ObjectNotFound:
+        pass
+    storage.write(paths.subsets, data)
+
+
+def known_subsets(fleet: Fleet, storage: Storage, paths: FleetPaths) -> tuple[Subset, ...] | None:
+    """The subsets of a fleet, without running anything of the user's.
+
+    Returns:
+        None when the user's own aggregation is not known yet: a trainer asks it.
+    """
+    if fleet.aggregation_kind is not AggregationKind.CUSTOM:
+        return subsets_for(fleet)
+    try:
+        document = SubsetsDocument.model_validate_json(storage.read(paths.subsets))
+    except ObjectNotFound:
+        return None
+    if document.function != fleet.aggregation.function:
+        return None
+    return tuple(Subset(agents, key) for key, agents in document.subsets.items())
 
 
 def _powerset(agents: int) -> Iterable[tuple[int, ...]]:

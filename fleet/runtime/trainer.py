@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from pathlib import Path
 
+from fleet.aggregation.subsets import write_subsets
 from fleet.errors import MissionError, ModelError, ObjectNotFound
 from fleet.functions.clients import open_eval, open_map
 from fleet.learning.lessons import Lessons
@@ -30,6 +31,7 @@ def run_trainer(settings: Settings) -> None:
         FleetError: the task cannot be done.
     """
     meter = Meter(settings.energy)
+    write_subsets(settings.fleet, settings.storage, settings.paths)
     match settings.task:
         case "Train":
             prepare(settings)

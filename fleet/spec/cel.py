@@ -165,6 +165,12 @@ RULES: Mapping[str, tuple[CelRule, ...]] = {
             f"Powerset is for up to {POWERSET_LIMIT} agents: write EachAndAll, Neighbours or Custom",
         ),
     ),
+    "MissionPlan": (
+        CelRule(
+            "!has(self.schedule) || !has(self.interval) || !self.interval.matches('[1-9]')",
+            "give either interval or schedule, and not both",
+        ),
+    ),
     "MissionSpec": (CelRule("self == oldSelf", "a Mission never changes: make a new one"),),
     "EdgeNodeSpec": (
         CelRule("self.busyWatts >= self.idleWatts", "busyWatts must be at least idleWatts"),

@@ -7,7 +7,7 @@ from typing import Any
 
 from fleet.spec.base import GROUP, VERSION
 from fleet.spec.resources import EdgeNode, FleetSpec, Mission
-from fleet.spec.schema import schema_of
+from fleet.spec.schema import in_order, schema_of
 
 Resource = type[FleetSpec] | type[Mission] | type[EdgeNode]
 
@@ -30,6 +30,14 @@ class Column:
         return column | ({"priority": self.priority} if self.priority else {})
 
 
+UNOBSERVED = {"observedGeneration": -1}
+"""Status of a resource that no controller has looked at. Without it, kstatus takes a new resource for finished."""
+
+
+def _status_of(condition: str) -> str:
+    return f'.status.conditions[?(@.type=="{condition}")].status'
+
+
 _AGE = Column("Age", "date", ".metadata.creationTimestamp", "Time since it was made.")
 
 
@@ -42,6 +50,8 @@ class ResourceKind:
     short_names: tuple[str, ...]
     namespaced: bool
     columns: tuple[Column, ...]
+    observed: bool = False
+    """Whether a controller writes its status: until it has, the status speaks of no generation."""
 
     @property
     def kind(self) -> str:
@@ -56,26 +66,32 @@ class ResourceKind:
 
 KINDS = (
     ResourceKind(
-        FleetSpec, "fleetspecs", ("fleet", "fleets"), namespaced=True,
+        FleetSpec, "fleetspecs", ("fleet", "fleets"), namespaced=True, observed=True,
         columns=(
             Column("Phase", "string", ".status.phase", "What the fleet is doing."),
-            Column("Missions", "integer", ".status.missionsFlown", "Missions that have ended."),
+            Column("Missions", "string", ".status.missions", "Missions that have ended, of all."),
             Column("Coverage", "string", ".status.coverage", "Share of states visited in the last mission."),
             Column("Accuracy", "string", ".status.accuracy", "Accuracy of the last mission."),
-            Column("Goals", "string", ".status.goalsMet", "Goals met in the last mission."),
+            Column("Goals", "string", ".status.goals", "Goals met in the last mission, of all."),
+            Column("Ready", "string", _status_of("Ready"), "Whether it flies, or could.", priority=1),
+            Column("Degraded", "string", _status_of("Degraded"), "Whether anything is wrong.", priority=1),
+            Column("Next", "string", ".status.nextMission", "When the next mission starts.", priority=1),
             Column("Context", "string", ".spec.stateSpace.context", "What missions fly over.", priority=1),
             Column("Storage", "string", ".status.storageUri", "Where the data is.", priority=1),
             _AGE,
         ),
     ),
     ResourceKind(
-        Mission, "missions", ("fm",), namespaced=True,
+        Mission, "missions", ("fm",), namespaced=True, observed=True,
         columns=(
             Column("Fleet", "string", ".spec.fleet", "Name of the FleetSpec."),
             Column("Number", "integer", ".spec.number", "1 for the first mission of the fleet."),
-            Column("Context", "string", ".spec.context", "What is flown over."),
             Column("Phase", "string", ".status.phase", "How far the mission is."),
-            Column("Goals met", "boolean", ".status.goalsMet", "Whether every goal was met."),
+            Column("Landed", "string", ".status.landed", "Agents that have landed, of all."),
+            Column("Coverage", "string", ".status.coverage", "Share of states visited."),
+            Column("Accuracy", "string", ".status.accuracy", "Accuracy."),
+            Column("Goals", "string", ".status.goals", "Goals met, of all."),
+            Column("Context", "string", ".spec.context", "What is flown over.", priority=1),
             Column("Records", "string", ".status.recordsUri", "Where the records are.", priority=1),
             _AGE,
         ),
@@ -132,6 +148,8 @@ def _root(kind: ResourceKind) -> dict[str, Any]:
     limits = {rule: name[rule] for rule in ("type", "pattern", "minLength", "maxLength")}
     parts["metadata"] = {"type": "object", "properties": {"name": limits}}
     _without_defaults(parts["status"])
+    if kind.observed:
+        parts["status"] = in_order(parts["status"] | {"default": dict(UNOBSERVED)})
     schema["required"] = ["spec"]
     _without_own_fields(schema)
     return schema

@@ -17,6 +17,7 @@ from fleet.spec.base import (
     Seed,
     Uri,
 )
+from fleet.spec.schedule import Schedule
 
 
 class AggregationKind(StrEnum):
@@ -99,9 +100,15 @@ class MissionPlan(Model):
 
     count: int = Field(default=1, description="Number of missions.", ge=1, le=10000)
     interval: Duration = Field(default="0s", description="Time from the end of a mission to the start of the next.")
+    schedule: Schedule | None = Field(
+        default=None,
+        description="When missions start, as cron writes it, in UTC: `0 6 * * 1-5`. In place of `interval`. "
+        "A start is up to 10 minutes late when the fleet or the operator was busy, and is left out after that.",
+    )
     clock: ClockMode = Field(
         default=ClockMode.ACCELERATED,
-        description="Accelerated: replayed actions take no time, but are accounted in full.",
+        description="Accelerated: replayed actions take no time, but are accounted in full. `fleet run` then waits "
+        "neither for `interval` nor for `schedule`; a cluster does.",
     )
     seed: Seed = Field(default=0, description="Seed of everything that is random.")
     agent_retries: int = Field(

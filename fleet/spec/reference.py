@@ -44,6 +44,38 @@ spec:
 ```
 """
 
+_CHANGES = """### FleetSpec: what a change does
+
+A FleetSpec in a cluster may be changed at any time; what runs is left alone. Roles of a mission go by the FleetSpec as
+it was when the mission was ordered.
+
+| Change | What it does |
+|---|---|
+| number, names and order of the agents, size of the state groups, kind of SA, address of the storage | refused |
+| `suspend` | no mission is ordered while it is true; the one in flight ends, retrains and is weighed |
+| `missions.count`, `interval`, `schedule` | counts when the next mission is due |
+| `rewardShaping`, `training`, `ha`, `sa.pretrained` | counts until the first model is trained, and never after that |
+| `contexts` | those that are new, or that have changed, are copied before the next mission |
+| `storage.onDelete` | counts when the FleetSpec is deleted |
+| all else | from the next mission on; a Job that has failed, or that could not start, is made anew at once |
+"""
+_CONDITIONS = """### FleetSpec: conditions
+
+`kubectl wait --for=condition=GoalsMet fleetspec/my-fleet` waits for one. Each has a reason that a program can match.
+
+| Condition | True | False | Unknown |
+|---|---|---|---|
+| `Ready` | it flies, or could: waiting, suspended, done | not yet: `Reconciling`, or `Stalled` | not looked at |
+| `Reconciling` | on the way to `Ready` | there, or not going on | |
+| `Compiled` | the FleetSpec is valid, and all that it names is there | the message says what is wrong | not looked at |
+| `Shaped` | the reward is in storage | | not looked at |
+| `Trained` | the first model is in storage | | not looked at |
+| `Flying` | a mission is in flight | | not looked at |
+| `GoalsMet` | the last mission met every goal | it missed one | no mission has ended |
+| `Degraded` | something is wrong; the fleet goes on as far as it can | | |
+| `Stalled` | nothing goes on until you change something | | |
+"""
+
 
 @dataclass
 class _Section:
@@ -74,7 +106,8 @@ def _resource(kind: ResourceKind) -> str:
         f"{name['maxLength']} characters.",
         "",
     ]
-    return "\n".join([*lines, *(_section(kind.kind, section, sections) for section in sections.values())])
+    told = [_CHANGES, _CONDITIONS] if kind.kind == "FleetSpec" else []
+    return "\n".join([*lines, *(_section(kind.kind, section, sections) for section in sections.values()), *told])
 
 
 def _collect(schema: dict[str, Any], place: str, sections: dict[str, _Section]) -> None:

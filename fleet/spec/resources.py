@@ -104,11 +104,18 @@ class FleetStatus(Model):
     """Observed state of a fleet."""
 
     observed_generation: int = Field(default=0, description="The metadata.generation that this status speaks of.")
-    phase: str = Field(default="", description="One word for people; programs read the conditions.")
+    phase: str = Field(
+        default="",
+        description="One word for people: Pending, Refused, Preparing, Training, Flying, Retraining, Weighing, "
+        "Waiting, Suspended, Done or Failed. Programs read the conditions.",
+    )
+    mission: int = Field(default=0, description="The mission that was ordered last; 0 before the first.")
     missions_flown: int = Field(default=0, description="Missions that have ended.")
+    missions: str = Field(default="", description="Missions that have ended, of all, as ended/all.")
     coverage: str = Field(default="", description="Share of states visited in the last mission.")
     accuracy: str = Field(default="", description="Accuracy of the last mission.")
-    goals_met: str = Field(default="", description="Goals met in the last mission, as met/all.")
+    goals: str = Field(default="", description="Goals met in the last mission, as met/all.")
+    next_mission: str = Field(default="", description="When the next mission starts, RFC 3339; empty when none waits.")
     storage_uri: str = Field(default="", description="Where the data is.")
     conditions: Conditions = Field(default=(), description="Conditions, one of each type.")
 
@@ -154,8 +161,12 @@ class MissionStatus(Model):
     agents: tuple[AgentProgress, ...] = Field(
         default=(), description="How far each agent is.", max_length=1000, json_schema_extra=named_list()
     )
+    landed: str = Field(default="", description="Agents that have landed, of all, as landed/all.")
     evaluation: dict[str, float] = Field(default={}, description="Metrics of Eval().", max_length=256)
-    goals_met: bool = Field(default=False, description="Whether every goal was met.")
+    coverage: str = Field(default="", description="Share of states visited.")
+    accuracy: str = Field(default="", description="Accuracy.")
+    goals: str = Field(default="", description="Goals met, as met/all.")
+    goals_met: bool | None = Field(default=None, description="Whether every goal was met.")
     records_uri: str = Field(default="", description="Where the records are.")
     conditions: Conditions = Field(default=(), description="Conditions, one of each type.")
 

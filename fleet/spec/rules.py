@@ -161,6 +161,14 @@ def _storage(fleet: Fleet) -> Iterator[Finding]:
         yield Finding(here, f'"{uri}" does not say which kind of storage it is', hint)
 
 
+def _mission_plan(fleet: Fleet) -> Iterator[Finding]:
+    here = (*SPEC, "missions")
+    if fleet.missions.schedule is not None and duration_s(fleet.missions.interval) > 0:
+        reads = ((*here, "schedule"), (*here, "interval"))
+        hint = "keep `schedule` for times of the clock, or `interval` for a time between missions"
+        yield Finding((*here, "interval"), "interval and schedule are both given", hint, reads)
+
+
 def _resources(fleet: Fleet) -> Iterator[Finding]:
     workflow = (*SPEC, "workflow")
     places: tuple[tuple[Path, Resources], ...] = (
@@ -222,6 +230,7 @@ FLEET_RULES: tuple[Callable[[Fleet], Iterator[Finding]], ...] = (
     _aggregation,
     _weights,
     _storage,
+    _mission_plan,
     _resources,
 )
 """Each takes a fleet whose parts are sound, and tells what is wrong between them."""

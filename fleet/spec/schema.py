@@ -70,6 +70,11 @@ def _convert(schema: dict[str, Any], definitions: dict[str, Any]) -> dict[str, A
     if "examples" in schema:
         schema["x-examples"] = schema.pop("examples")
     _set_default(schema)
+    return in_order(schema)
+
+
+def in_order(schema: dict[str, Any]) -> dict[str, Any]:
+    """A schema with its fields in the order in which CRDs have them."""
     return {name: schema[name] for name in sorted(schema, key=_place)}
 
 

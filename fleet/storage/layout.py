@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+CLAIMS = "_claims"
+"""Folder of the claims of all fleets; no namespace has such a name."""
+
 
 @dataclass(frozen=True)
 class FleetPaths:
@@ -29,6 +32,25 @@ class FleetPaths:
     def context(self, name: str) -> str:
         """Folder of a context."""
         return f"{self.root}/contexts/{name}"
+
+    def origin(self, name: str) -> str:
+        """What a context in storage is a copy of."""
+        return f"{self.context(name)}/origin.json"
+
+    @property
+    def functions(self) -> str:
+        """The small files that pods are given with their functions, as the FleetSpec in storage was flown with."""
+        return f"{self.root}/functions.json"
+
+    @property
+    def subsets(self) -> str:
+        """The subsets that the user's own aggregation chose; not there for the other kinds."""
+        return f"{self.root}/subsets.json"
+
+    @property
+    def claim(self) -> str:
+        """Whose data it is, and what becomes of it when its FleetSpec is deleted; beside the data of all fleets."""
+        return f"{CLAIMS}/{self.namespace}.{self.fleet}.json"
 
     def mapped(self, context_digest: str, map_version: str) -> str:
         """SSVs of all states of a context: cached by content."""

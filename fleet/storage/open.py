@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
@@ -9,19 +10,41 @@ from fleet.errors import Problem, SpecError
 from fleet.storage.local import LocalStorage
 from fleet.storage.port import Storage
 
+_KNOWN = "write file:///absolute/folder or webhdfs://user@namenode:9870/folder"
+PATIENCE = "FLEET_STORAGE_PATIENCE_S"
+
 
 def open_storage(uri: str) -> Storage:
-    """The storage at an address: `file:///absolute/folder`.
+    """The storage at an address: `file:///absolute/folder` or `webhdfs://[user@]namenode[:9870][,namenode2]/folder`.
 
     Raises:
         SpecError: the address is not one; says what to write instead.
     """
     address = urlsplit(uri)
-    if address.scheme == "file":
-        return LocalStorage(_folder(uri))
-    if "://" not in uri:
-        raise _wrong(uri, "is a path, not an address", f"write {Path(uri).absolute().as_uri()}")
-    raise _wrong(uri, f"begins with {address.scheme}://, which is no known storage", "write file:///absolute/folder")
+    match address.scheme:
+        case "file":
+            return LocalStorage(_folder(uri))
+        case "webhdfs":
+            return _hdfs(uri)
+        case "hdfs" | "swebhdfs":
+            why = "is Hadoop's own protocol" if address.scheme == "hdfs" else "needs TLS, which is not spoken here"
+            hint = f"write webhdfs://user@{address.hostname or 'namenode'}:9870/folder"
+            raise _wrong(uri, f"begins with {address.scheme}://, which {why}", hint)
+        case _ if "://" not in uri:
+            raise _wrong(uri, "is a path, not an address", f"write {Path(uri).absolute().as_uri()}")
+        case _:
+            raise _wrong(uri, f"begins with {address.scheme}://, which is no known storage", _KNOWN)
+
+
+def _hdfs(uri: str) -> Storage:
+    # Loading it takes as long as the rest of a small role's start, and most runs are in a local directory.
+    from fleet.storage.hdfs import PATIENCE_S, HdfsStorage  # noqa: PLC0415
+    from fleet.storage.webhdfs_address import WebHdfsAddress  # noqa: PLC0415
+
+    patience = os.environ.get(PATIENCE, "")
+    if patience and not patience.isdigit():
+        raise SpecError([Problem(PATIENCE, f"{patience!r} is not a number of seconds")], source="the environment")
+    return HdfsStorage(WebHdfsAddress.parse(uri), float(patience or PATIENCE_S))
 
 
 def _folder(uri: str) -> Path:

@@ -6,8 +6,9 @@ Objects are named by paths such as `default/crop-scouting/missions/0001/evaluati
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 
 @dataclass(frozen=True, order=True)
@@ -58,3 +59,11 @@ class Storage(Protocol):
 
     def delete(self, prefix: str) -> None:
         """Remove an object, or a folder with all that is under it; nothing happens when there is none."""
+
+
+@runtime_checkable
+class Located(Protocol):
+    """A storage that knows which machines hold its objects."""
+
+    def locations(self, prefix: str) -> Mapping[str, int]:
+        """Bytes that each machine holds of the objects under a folder, by the machine's host name or address."""

@@ -107,6 +107,12 @@ CPU_RULE = "cpu is in cores, and no machine has more than 1000: write 500m or 2"
         (given(scheduling={"cpu": "4Gi", "memory": "4"}), [MEMORY_RULE, CPU_RULE]),
         (given(storage={"uri": "file:///var/fleet"}), []),
         (given(storage={"uri": "/var/fleet"}), ["uri must begin with a scheme, as in file:///var/fleet"]),
+        (given(missions={"schedule": "0 6 * * mon-fri"}), []),
+        (given(missions={"schedule": "0 6 * * *", "interval": "0s"}), []),
+        (
+            given(missions={"schedule": "0 6 * * *", "interval": "5m"}),
+            ["give either interval or schedule, and not both"],
+        ),
         (given(rewardShaping={"weights": {}}), []),
         (
             given(rewardShaping={"weights": {"exg": 0}}),

@@ -11,8 +11,10 @@ import yaml
 from fleet.spec.resources import FleetSpec
 from fleet_operator.compiler.bundle import Bundle
 from fleet_operator.compiler.fleet import compile_fleet, to_yaml
+from fleet_operator.compiler.missions import compile_flight, compile_retraining, evaluate_job, mission_manifest
+from fleet_operator.compiler.network import network_policies
 from fleet_operator.compiler.settings import Settings
-from fleet_operator.compiler.target import AggregatorTerms, Target
+from fleet_operator.compiler.target import AggregatorTerms, Owner, Placement, Target
 from fleet_operator.local.workloads import parse_job, parse_service
 from fleet_operator.policy.shares import Capacity, Share
 
@@ -51,16 +53,38 @@ CASES: dict[str, tuple[dict[str, Any], dict[str, bytes], list[AggregatorTerms]]]
         [AggregatorTerms(key, 1) for key in (*map(str, range(1, 13)), "all")],
     ),
 }
+OWNER = Owner("fleetcomputer.io/v1alpha1", "FleetSpec", "crop-scouting", "5d0c8b1e-0000-4000-8000-000000000000")
+PLACES = {"1": Placement({"edge-1": 3_000_000, "edge-2": 1_000_000, "edge-3": 1_000}), "2": Placement()}
+ALL = [*CASES, "second-mission-in-a-cluster"]
+
+
+def target_of(changes: dict[str, Any], files: dict[str, bytes], **given: Any) -> Target:
+    document = {"metadata": {"name": "crop-scouting", "namespace": "fields"}, "spec": {**BASE, **changes}}
+    settings = Settings(runtime_image="fleet-computer/runtime:golden", **given.pop("settings", {}))
+    return Target(FleetSpec.model_validate(document), Bundle(files), settings, **given)
+
+
+def second_mission() -> list[dict[str, Any]]:
+    """What an operator applies when it owns everything, the storage is a volume, and the data has places."""
+    volume = {"storage_uri": "file:///fleet/storage", "storage_claim": "fleet-computer-storage"}
+    target = target_of({}, {}, settings=volume, owner=OWNER)
+    return [
+        *network_policies(target),
+        mission_manifest(target, 2),
+        *compile_flight(target, 2, ["agent-2"]),
+        evaluate_job(target, 2, "agent-1"),
+        *compile_retraining(target, 2, TERMS, PLACES),
+    ]
 
 
 def compiled(case: str) -> list[dict[str, Any]]:
+    if case not in CASES:
+        return second_mission()
     changes, files, terms = CASES[case]
-    document = {"metadata": {"name": "crop-scouting", "namespace": "fields"}, "spec": {**BASE, **changes}}
-    settings = Settings(runtime_image="fleet-computer/runtime:golden")
-    return compile_fleet(Target(FleetSpec.model_validate(document), Bundle(files), settings), terms)
+    return compile_fleet(target_of(changes, files), terms)
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", ALL)
 def test_manifests_are_as_they_were_read(case: str, update_golden: bool) -> None:
     file = FOLDER / f"{case}.yaml"
     text = to_yaml(compiled(case))
@@ -69,7 +93,7 @@ def test_manifests_are_as_they_were_read(case: str, update_golden: bool) -> None
     assert text == file.read_text()
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", ALL)
 def test_the_yaml_says_what_was_compiled(case: str) -> None:
     assert list(yaml.safe_load_all(to_yaml(compiled(case)))) == compiled(case)
 
@@ -85,10 +109,10 @@ def test_the_local_runner_understands_every_object(case: str) -> None:
                 jobs = [parse_job(each) for each in compiled(case) if each["kind"] == "Job"]
                 assert [job.name for job in jobs if service.selects(job)] == [service.name]
             case kind:
-                assert kind in {"PriorityClass", "ConfigMap"}
+                assert kind in {"PriorityClass", "ConfigMap", "NetworkPolicy", "Mission"}
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", ALL)
 def test_every_container_is_hardened_and_has_requests_and_limits(case: str) -> None:
     for job in (each for each in compiled(case) if each["kind"] == "Job"):
         pod = job["spec"]["template"]["spec"]
@@ -106,9 +130,15 @@ def test_every_container_is_hardened_and_has_requests_and_limits(case: str) -> N
 
 
 def test_names_are_unique_within_their_kind() -> None:
-    for case in CASES:
+    for case in ALL:
         found = [(each["kind"], each["metadata"]["name"]) for each in compiled(case)]
         assert len(set(found)) == len(found)
+
+
+def test_the_fleet_spec_owns_everything_that_is_made_for_it() -> None:
+    owned = {str(each["metadata"].get("ownerReferences")) for each in second_mission()}
+    reference = {"apiVersion": OWNER.api_version, "kind": OWNER.kind, "name": OWNER.name, "uid": OWNER.uid}
+    assert owned == {str([{**reference, "controller": True}])}
 
 
 def test_level_and_priority_class_agree_and_level_0_is_suspended() -> None:

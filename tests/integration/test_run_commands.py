@@ -41,7 +41,8 @@ def test_compile_prints_the_same_objects_as_yaml_and_as_json(tmp_path: Path) -> 
     as_json = json.loads(fleet("compile", "fleetspec.yaml", "--json", folder=tmp_path).stdout)
     assert to_yaml(as_json) == as_yaml.stdout
     kinds = [manifest["kind"] for manifest in yaml.safe_load_all(as_yaml.stdout)]
-    assert kinds == ["PriorityClass"] * 11 + ["ConfigMap", "Job"] + ["Service", "Job", "Job"] * 2 + ["Job"] * 4
+    shared = ["PriorityClass"] * 11 + ["ConfigMap"] + ["NetworkPolicy"] * 3
+    assert kinds == [*shared, "Job", "Mission", *["Service", "Job", "Job"] * 2, *["Job"] * 4]
 
 
 def test_help_says_what_an_interrupted_run_does(tmp_path: Path) -> None:

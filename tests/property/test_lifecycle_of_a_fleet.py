@@ -5,7 +5,9 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fleet.spec.platform import MissionPlan
 from fleet.spec.resources import Fleet
+from fleet.spec.schedule import next_start
 from fleet.storage.layout import FleetPaths
 from fleet_operator.policy.lifecycle import (
     Course,
@@ -105,9 +107,64 @@ def test_one_agent_is_started_again_when_all_have_landed_and_nobody_has_evaluate
 
 def test_time_passes_between_missions() -> None:
     course = replace(COURSE, interval_s=60.0)
-    assert next_step(course, after(OVER, now_s=130.0)) == Wait(2, 30.0)
+    assert next_step(course, after(OVER, now_s=130.0)) == Wait(2, 30.0, 160.0)
     assert next_step(course, after(OVER, now_s=160.0)) == Order(2)
     assert next_step(course, after(replace(OVER, ended_s=None), now_s=130.0)) == Order(2)
+
+
+SIX = 1_785_564_000.0
+"""2026-08-01, a Saturday, 06:00 UTC."""
+DAY = 86_400.0
+DAILY = replace(COURSE, schedule="0 6 * * *")
+
+
+def test_missions_start_at_the_times_of_their_schedule() -> None:
+    assert next_step(DAILY, after(now_s=SIX - 60)) == Wait(1, 60.0, SIX)
+    assert next_step(DAILY, after(now_s=SIX)) == Order(1)
+    ended = replace(OVER, ended_s=SIX + 300)
+    assert next_step(DAILY, after(ended, now_s=SIX + 301)) == Wait(2, DAY - 301, SIX + DAY)
+    assert next_step(DAILY, after(ended, now_s=SIX + DAY)) == Order(2)
+    working = replace(COURSE, schedule="0 6 * * mon-fri")
+    assert next_step(working, after(now_s=SIX)) == Wait(1, 2 * DAY, SIX + 2 * DAY)
+
+
+def test_a_start_that_was_missed_by_more_than_ten_minutes_is_left_out() -> None:
+    assert next_step(DAILY, after(now_s=SIX + 599)) == Order(1)
+    assert next_step(DAILY, after(now_s=SIX + 601)) == Wait(1, DAY - 601, SIX + DAY)
+
+
+def test_a_mission_that_lasts_longer_than_the_schedule_leaves_a_start_out() -> None:
+    hourly = replace(COURSE, schedule="0 * * * *")
+    ended = replace(OVER, ended_s=SIX + 4000)
+    assert next_step(hourly, after(ended, now_s=SIX + 4000)) == Wait(2, 3200.0, SIX + 7200)
+
+
+def test_a_schedule_that_is_suspended_or_flown_waits_for_nothing() -> None:
+    assert next_step(replace(DAILY, suspended=True), after(now_s=SIX)) == Suspended(1)
+    assert next_step(DAILY, after(OVER, OVER, now_s=SIX)) == Done(2)
+
+
+FIELDS = ("0 30 */15 5-50/5 1,2,58", "6 */2 0-23 9,17", "* 1 28 */3 10-20", "* 1 jan-mar 12 */2", "* 0 7 mon-fri sun")
+SCHEDULES = st.tuples(*(st.sampled_from(field.split()) for field in FIELDS)).map(" ".join)
+
+
+@given(SCHEDULES, st.floats(SIX, SIX + 400 * DAY), st.floats(0, 3 * DAY) | st.none())
+def test_every_scheduled_start_is_on_the_schedule_and_after_the_last_mission(
+    schedule: str, now_s: float, ago_s: float | None
+) -> None:
+    ended = replace(OVER, ended_s=None if ago_s is None else now_s - ago_s)
+    step = next_step(replace(COURSE, schedule=schedule), after(ended, now_s=now_s))
+    match step:
+        case Wait(number=2, seconds=seconds, until_s=until_s):
+            assert seconds > 0
+            assert until_s % 60 == 0
+            assert abs(now_s + seconds - until_s) < 1e-6
+            assert next_start(schedule, until_s - 60) == until_s
+            later = next_step(replace(COURSE, schedule=schedule), after(ended, now_s=until_s))
+            assert later == Order(2)
+        case _:
+            assert step == Order(2)
+            assert (next_start(schedule, now_s - 600) or 0) <= now_s
 
 
 def test_a_suspended_fleet_ends_its_mission_and_orders_none() -> None:
@@ -159,6 +216,8 @@ def test_the_course_is_read_from_the_fleet_spec() -> None:
         }
     )
     assert Course.of(fleet) == Course(("agent-1", "agent-2"), 7, 3, 90.0, True)
+    scheduled = fleet.model_copy(update={"missions": MissionPlan(schedule="0 6 * * *")})
+    assert Course.of(scheduled).schedule == "0 6 * * *"
 
 
 def test_progress_is_read_from_the_names_of_objects() -> None:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fleet_operator.policy.shares import Capacity, Share, shares, water_fill
+from fleet_operator.policy.shares import Capacity, Share, shares, shares_of_the_rest, water_fill
 
 GIB = 2**30
 keyed_levels = st.dictionaries(st.text("ab123-", min_size=1, max_size=4), st.integers(0, 9), max_size=20)
@@ -72,6 +72,17 @@ def test_requests_are_small_and_below_limits(levels: dict[str, int], cores: floa
         assert share.request.cores <= share.limit.cores
         assert share.request.memory_bytes <= share.limit.memory_bytes
         assert share.request.cores <= max(0.05, share.limit.cores * 0.1)
+
+
+@given(keyed_levels, st.data())
+def test_nobody_gets_less_when_others_have_finished(levels: dict[str, int], data: st.DataObject) -> None:
+    finished = data.draw(st.sets(st.sampled_from(sorted(levels)))) if levels else set()
+    total, largest = Capacity(8, 8 * GIB), Capacity(4, 4 * GIB)
+    before, after = shares(levels, total, largest), shares_of_the_rest(levels, finished, total, largest)
+    assert set(after) == set(before) - finished
+    for key, share in after.items():
+        assert share.limit.cores >= before[key].limit.cores * (1 - 1e-9)
+        assert share.limit.memory_bytes >= before[key].limit.memory_bytes - 1
 
 
 def test_wrong_levels_and_capacities_are_refused() -> None:

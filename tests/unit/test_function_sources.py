@@ -9,7 +9,7 @@ import pytest
 
 from fleet.errors import SpecError
 from fleet.spec.resources import Fleet
-from fleet_operator.local.sources import read_bundle
+from fleet_operator.flow.sources import read_bundle
 from tests.fleet_runs import spec_document
 
 

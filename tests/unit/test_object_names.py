@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -12,7 +13,21 @@ from fleet_operator.resources.roles import Role
 
 FLEET = st.from_regex(r"[a-z0-9]([-a-z0-9]{0,38}[a-z0-9])?", fullmatch=True)
 AWKWARD = st.sampled_from(
-    ["a", "a-m0001-sensor-b", "a-train", "a-m0001-weigh", "2018", "a-m0001-sensor", "b-m0001-sensor-c"]
+    [
+        "a",
+        "a-m0001-sensor-b",
+        "a-train",
+        "a-m0001-weigh",
+        "2018",
+        "a-m0001-sensor",
+        "b-m0001-sensor-c",
+        "a-m0001",
+        "a-m0001-evaluate",
+        "a-files",
+        "a-files-1",
+        "a-network",
+        "all",
+    ]
 )
 PART = FLEET | AWKWARD
 MISSION = st.integers(1, 10_000)
@@ -21,21 +36,29 @@ THING = (
     st.tuples(st.just("job"), PART, MISSION, ROLES, PART)
     | st.tuples(st.just("train"), PART)
     | st.tuples(st.just("weigh"), PART, MISSION)
+    | st.tuples(st.just("mission"), PART, MISSION)
+    | st.tuples(st.just("evaluate"), PART, MISSION, PART)
+    | st.tuples(st.just("files"), PART, st.integers(1, 99))
+    | st.tuples(st.just("network"), PART, st.sampled_from(["all", "sensor", "workflow"]))
     | st.tuples(st.just("functions"), PART, st.from_regex(r"[0-9a-f]{8}", fullmatch=True))
 )
 
 
-def name_of(thing: tuple) -> str:  # type: ignore[type-arg]  # the four kinds of things have different lengths
-    match thing:
-        case ("job", fleet, mission, role, member):
-            return names.mission_job(role, fleet, mission, member)
-        case ("train", fleet):
-            return names.training_job(fleet)
-        case ("weigh", fleet, mission):
-            return names.weighing_job(fleet, mission)
-        case (_, fleet, digest):
-            return names.functions(fleet, digest)
-    raise AssertionError(thing)
+MAKERS: dict[str, Callable[..., str]] = {
+    "job": lambda fleet, mission, role, member: names.mission_job(role, fleet, mission, member),
+    "train": names.training_job,
+    "weigh": names.weighing_job,
+    "mission": names.mission,
+    "evaluate": names.evaluate_job,
+    "files": names.files,
+    "network": names.network_policy,
+    "functions": names.functions,
+}
+
+
+def name_of(thing: tuple) -> str:  # type: ignore[type-arg]  # the kinds of things have different lengths
+    kind, *what = thing
+    return MAKERS[kind](*what)
 
 
 @given(THING)
@@ -60,6 +83,8 @@ def test_a_fleet_whose_name_reads_like_another_fleets_job_is_told_apart() -> Non
 def test_short_names_are_plain() -> None:
     assert names.mission_job(Role.WORKFLOW, "crop-scouting", 3, "agent-12") == "crop-scouting-m0003-workflow-agent-12"
     assert names.training_job("crop-scouting") == "crop-scouting-train"
+    assert names.mission("crop-scouting", 3) == "crop-scouting-m0003"
+    assert names.evaluate_job("crop-scouting", 3, "agent-1") == "crop-scouting-m0003-evaluate-agent-1"
 
 
 def test_a_long_name_keeps_its_beginning_and_ends_in_a_hash() -> None:

@@ -7,6 +7,7 @@ import hashlib
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from fleet.errors import Problem, SpecError
@@ -56,9 +57,9 @@ class Bundle:
                 raise SpecError([Problem("spec.map.function", message, "rename one of them")])
             keys[key] = path
 
-    @property
+    @cached_property
     def digest(self) -> str:
-        """Hash of all paths and contents."""
+        """Hash of all paths and contents; every pod of a fleet asks for it."""
         hasher = hashlib.sha256()
         for path in sorted(self.files):
             for part in (path.encode(), self.files[path]):

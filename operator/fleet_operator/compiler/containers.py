@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from fleet.spec.base import Resources
+from fleet.spec.base import Resources, duration_s
 from fleet_operator.compiler import defaults
 from fleet_operator.compiler.quantities import settled, to_manifest, whole_cores
 from fleet_operator.compiler.target import Target, UserFunction
+from fleet_operator.compiler.volumes import mounts
 from fleet_operator.resources import names
 
 Manifest = dict[str, Any]
@@ -26,6 +28,7 @@ class Program:
         environment: Variables beside those that every container gets.
         port: Where it listens, when it does.
         workers: Worker processes among which the CPU limit is divided.
+        storage: Whether it reaches the storage; a user's function has no need to.
     """
 
     name: str
@@ -34,12 +37,13 @@ class Program:
     environment: dict[str, str] = field(default_factory=dict)
     port: int | None = None
     workers: int = 1
+    storage: bool = True
 
 
 def container(target: Target, program: Program) -> Manifest:
     """A container of the platform's image with the user's functions in it."""
     variables = {
-        "FLEET_STORAGE_URI": target.storage,
+        **({"FLEET_STORAGE_URI": target.storage} if program.storage else {}),
         "FLEET_NAMESPACE": target.spec.metadata.namespace,
         "FLEET_NAME": target.spec.name,
         **program.environment,
@@ -57,7 +61,8 @@ def container(target: Target, program: Program) -> Manifest:
     if target.bundle:
         result["workingDir"] = names.FUNCTIONS_FOLDER
     result["env"] = _env(variables)
-    _finish(result, program.resources, program.port, functions=bool(target.bundle))
+    _finish(result, program.resources, program.port)
+    result["volumeMounts"] = mounts(target, functions=True, storage=program.storage)
     return result
 
 
@@ -68,25 +73,44 @@ def sidecar(target: Target, function: UserFunction) -> Manifest:
     """
     resources = settled(function.spec.resources, defaults.FUNCTION, f"spec.{function.name}.resources")
     if function.spec.image is None:
-        command = (
-            *target.settings.serve_command,
-            function.name,
-            str(function.spec.function),
-            "--host",
-            "$(FLEET_BIND)",
-        )
-        program = Program(function.name, (*command, "--port", "$(FLEET_PORT)"), resources, port=function.port)
-        result = container(target, program)
+        served = (*target.settings.serve_command, function.name, str(function.spec.function))
+        command = (*served, "--host", "$(FLEET_BIND)", "--port", "$(FLEET_PORT)")
+        result = container(target, Program(function.name, command, resources, port=function.port, storage=False))
     else:
         result = _image_container(target, function, resources)
     result["restartPolicy"] = "Always"
     result["startupProbe"] = _probe(function.name, defaults.PROBE_FAILURES)
+    result["livenessProbe"] = liveness(function.name, duration_s(function.spec.timeout))
     return result
 
 
 def readiness(port: str) -> Manifest:
     """A probe that lets a Service send requests to the container."""
     return _probe(port, failures=3)
+
+
+def liveness(port: str, longest_call_s: float = 0.0) -> Manifest:
+    """A probe that ends a server which hangs, so that it is started again.
+
+    Args:
+        longest_call_s: A server of one thread answers no probe during a call: it is given the time of one more.
+    """
+    failures = math.ceil((defaults.HANGS_S + longest_call_s) / defaults.LIVENESS_PERIOD_S)
+    return {
+        **_probe(port, failures),
+        "initialDelaySeconds": defaults.PROBE_FAILURES * defaults.PROBE_PERIOD_S,
+        "periodSeconds": defaults.LIVENESS_PERIOD_S,
+        "timeoutSeconds": defaults.LIVENESS_TIMEOUT_S,
+    }
+
+
+def resizable(container: Manifest) -> Manifest:
+    """The container, whose CPU and memory may change while it runs.
+
+    Source: Kubernetes, "Resize CPU and Memory Resources assigned to Containers".
+    """
+    policy = [{"resourceName": name, "restartPolicy": "NotRequired"} for name in ("cpu", "memory")]
+    return {**container, "resizePolicy": policy}
 
 
 def _image_container(target: Target, function: UserFunction, resources: Resources) -> Manifest:
@@ -99,7 +123,8 @@ def _image_container(target: Target, function: UserFunction, resources: Resource
     if function.spec.command:
         result["command"] = list(function.spec.command)
     result["env"] = _env({**_server_variables(function.port), **_process_variables(resources, 1)})
-    _finish(result, resources, function.port, functions=False)
+    _finish(result, resources, function.port)
+    result["volumeMounts"] = mounts(target, functions=False, storage=False)
     return result
 
 
@@ -121,7 +146,7 @@ def _env(variables: dict[str, str]) -> list[Manifest]:
     return [{"name": name, "value": value} for name, value in sorted(variables.items())]
 
 
-def _finish(result: Manifest, resources: Resources, port: int | None, functions: bool) -> None:
+def _finish(result: Manifest, resources: Resources, port: int | None) -> None:
     if port is not None:
         result["ports"] = [{"name": result["name"], "containerPort": port}]
     result["resources"] = to_manifest(resources)
@@ -130,10 +155,6 @@ def _finish(result: Manifest, resources: Resources, port: int | None, functions:
         "readOnlyRootFilesystem": True,
         "capabilities": {"drop": ["ALL"]},
     }
-    mounts: list[Manifest] = [{"name": names.SCRATCH_VOLUME, "mountPath": names.SCRATCH_FOLDER}]
-    if functions:
-        mounts.append({"name": names.FUNCTIONS_VOLUME, "mountPath": names.FUNCTIONS_FOLDER, "readOnly": True})
-    result["volumeMounts"] = mounts
 
 
 def _probe(port: str, failures: int) -> Manifest:

@@ -27,11 +27,16 @@ SMALLEST_AGGREGATOR = Amounts(cpu="50m", memory="160Mi")
 PERMANENT_EXIT_CODES = (int(ExitCode.USAGE), int(ExitCode.PERMANENT))
 """The same input fails again, so the Job fails at once."""
 GRACE_PERIOD_S = 10
-"""Between SIGTERM and SIGKILL."""
+"""Between SIGTERM and SIGKILL. No preStop is needed: what a role has said is durable, and it goes on from there."""
 PROBE_PERIOD_S = 1
 PROBE_TIMEOUT_S = 2
 PROBE_FAILURES = 120
-"""Seconds that a user's function may take to load."""
+"""Seconds that a server may take to load: a user's function, a sensor with a large context."""
+
+LIVENESS_PERIOD_S = 10
+LIVENESS_TIMEOUT_S = 5
+HANGS_S = 60.0
+"""A server that has not answered for so long, and for the time of its longest call, hangs."""
 
 LEARNING_RETRIES = 6
 """How often a trainer or an aggregator is started again; Kubernetes' own default of backoffLimit."""

@@ -7,8 +7,15 @@ from typing import Any
 
 import yaml
 
-from fleet_operator.compiler.jobs import fleet_labels
-from fleet_operator.compiler.missions import compile_flight, compile_retraining, training_job, weighing_job
+from fleet_operator.compiler.jobs import fleet_metadata
+from fleet_operator.compiler.missions import (
+    compile_flight,
+    compile_retraining,
+    mission_manifest,
+    training_job,
+    weighing_job,
+)
+from fleet_operator.compiler.network import network_policies
 from fleet_operator.compiler.target import AggregatorTerms, Target
 from fleet_operator.policy.level import priority_value
 from fleet_operator.resources import names
@@ -26,7 +33,9 @@ def compile_fleet(target: Target, terms: Sequence[AggregatorTerms]) -> list[Mani
     return [
         *priority_classes(),
         *function_sources(target),
+        *network_policies(target),
         training_job(target),
+        mission_manifest(target, mission=1),
         *compile_flight(target, mission=1),
         *compile_retraining(target, 1, terms),
         weighing_job(target, mission=1),
@@ -49,11 +58,7 @@ def function_sources(target: Target) -> list[Manifest]:
         {
             "apiVersion": "v1",
             "kind": "ConfigMap",
-            "metadata": {
-                "name": names.functions(target.spec.name, target.bundle.digest),
-                "namespace": target.spec.metadata.namespace,
-                "labels": fleet_labels(target.spec.name),
-            },
+            "metadata": fleet_metadata(target, names.functions(target.spec.name, target.bundle.digest)),
             "immutable": True,
             **target.bundle.data(),
         }

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from fleet_operator.compiler import defaults
-from fleet_operator.compiler.target import Target
+from fleet_operator.compiler.placement import affinity, tolerations
+from fleet_operator.compiler.target import Placement, Target
+from fleet_operator.compiler.volumes import volumes
 from fleet_operator.resources import names
 from fleet_operator.resources.roles import LOWEST_LEVEL, REAL_TIME_LEVEL, Role
 
@@ -24,6 +26,8 @@ class Identity:
         level: Scheduling level 0..10; 0 is suspended.
         mission: Its mission; 0 is before the first.
         agent, subset: Whom it serves; "" when nobody.
+        task: Tells Jobs of one role and mission apart; "" when its role has one task only.
+        placement: Where its data is; None when that does not count.
     """
 
     name: str
@@ -32,6 +36,8 @@ class Identity:
     mission: int = 0
     agent: str = ""
     subset: str = ""
+    task: str = ""
+    placement: Placement | None = None
 
 
 def labels(target: Target, identity: Identity) -> dict[str, str]:
@@ -42,6 +48,7 @@ def labels(target: Target, identity: Identity) -> dict[str, str]:
         names.AGENT_LABEL: identity.agent,
         names.SUBSET_LABEL: identity.subset,
         names.LEVEL_LABEL: str(identity.level),
+        names.TASK_LABEL: identity.task,
     }
     shown = {key: names.label_value(value) for key, value in own.items() if value}
     return {
@@ -61,17 +68,39 @@ def fleet_labels(fleet: str) -> dict[str, str]:
     }
 
 
+def fleet_metadata(target: Target, name: str) -> Manifest:
+    """Metadata of an object of a fleet: its labels, and who owns it."""
+    metadata: Manifest = {
+        "name": name,
+        "namespace": target.spec.metadata.namespace,
+        "labels": fleet_labels(target.spec.name),
+    }
+    owner = target.owner
+    if owner is not None:
+        reference = {"apiVersion": owner.api_version, "kind": owner.kind, "name": owner.name, "uid": owner.uid}
+        metadata["ownerReferences"] = [{**reference, "controller": True}]
+    return metadata
+
+
+def mission_metadata(target: Target, identity: Identity) -> Manifest:
+    """Metadata of an object of one Job; annotations have the names that labels may have hashed."""
+    metadata = fleet_metadata(target, identity.name)
+    metadata["labels"] = labels(target, identity)
+    told = {names.AGENT_ANNOTATION: identity.agent, names.SUBSET_ANNOTATION: identity.subset}
+    annotations = {key: value for key, value in told.items() if value}
+    return metadata | ({"annotations": annotations} if annotations else {})
+
+
 def job(target: Target, identity: Identity, main: Manifest, sidecars: Sequence[Manifest] = ()) -> Manifest:
     """A Job of one pod; exit codes that say "the same input fails again" end it at once.
 
     podFailurePolicy needs restartPolicy Never (Kubernetes, "Pod failure policy"). A pod that was evicted or preempted
     does not count as a failure.
     """
-    shown = labels(target, identity)
     return {
         "apiVersion": "batch/v1",
         "kind": "Job",
-        "metadata": {"name": identity.name, "namespace": target.spec.metadata.namespace, "labels": shown},
+        "metadata": mission_metadata(target, identity),
         "spec": {
             "suspend": identity.level == LOWEST_LEVEL,
             "backoffLimit": _retries(target, identity),
@@ -88,7 +117,10 @@ def job(target: Target, identity: Identity, main: Manifest, sidecars: Sequence[M
                     {"action": "Ignore", "onPodConditions": [{"type": "DisruptionTarget", "status": "True"}]},
                 ]
             },
-            "template": {"metadata": {"labels": dict(shown)}, "spec": _pod(target, identity, main, sidecars)},
+            "template": {
+                "metadata": {"labels": labels(target, identity)},
+                "spec": _pod(target, identity, main, sidecars),
+            },
         },
     }
 
@@ -112,21 +144,16 @@ def _pod(target: Target, identity: Identity, main: Manifest, sidecars: Sequence[
             "runAsUser": user,
             "runAsGroup": user,
             "fsGroup": user,
+            "fsGroupChangePolicy": "OnRootMismatch",
             "seccompProfile": {"type": "RuntimeDefault"},
         },
+        "tolerations": tolerations(target),
     }
+    wanted = affinity(identity.role, identity.placement)
+    if wanted is not None:
+        pod["affinity"] = wanted
     if sidecars:
         pod["initContainers"] = list(sidecars)
     pod["containers"] = [main]
-    pod["volumes"] = [{"name": names.SCRATCH_VOLUME, "emptyDir": {}}]
-    if target.bundle:
-        pod["volumes"].append(
-            {
-                "name": names.FUNCTIONS_VOLUME,
-                "configMap": {
-                    "name": names.functions(target.spec.name, target.bundle.digest),
-                    "items": target.bundle.items(),
-                },
-            }
-        )
+    pod["volumes"] = volumes(target)
     return pod

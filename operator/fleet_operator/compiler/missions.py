@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
+from fleet.spec.base import API_VERSION, Resources
 from fleet_operator.compiler import defaults
-from fleet_operator.compiler.containers import Program, container, readiness, sidecar
-from fleet_operator.compiler.jobs import Identity, job, labels
-from fleet_operator.compiler.quantities import of_share, settled, whole_cores
-from fleet_operator.compiler.target import AggregatorTerms, Target, user_functions
+from fleet_operator.compiler.containers import Program, container, liveness, readiness, resizable, sidecar
+from fleet_operator.compiler.jobs import Identity, fleet_metadata, job, labels, mission_metadata
+from fleet_operator.compiler.quantities import of_share, settled, to_manifest, whole_cores
+from fleet_operator.compiler.target import AggregatorTerms, Placement, Target, UserFunction, user_functions
 from fleet_operator.resources import names
-from fleet_operator.resources.roles import REAL_TIME_LEVEL, TRAINER_LEVEL, Role, TrainerTask
+from fleet_operator.resources.roles import EVALUATE, REAL_TIME_LEVEL, TRAINER_LEVEL, Role, TrainerTask
 
 Manifest = dict[str, Any]
 
@@ -31,7 +33,11 @@ def _agent_objects(target: Target, mission: int, agent: str) -> list[Manifest]:
 
 
 def sensor_service(target: Target, mission: int, agent: str) -> Manifest:
-    """The headless Service that gives an agent's sensor a name."""
+    """The headless Service that gives an agent's sensor a name.
+
+    The name is there as soon as the pod has an address: a workflow tries again until the sensor answers, while a name
+    that was not found is remembered as missing for seconds.
+    """
     identity = _identity(target, Role.SENSOR, mission, agent)
     selector = (names.FLEET_LABEL, names.MISSION_LABEL, names.ROLE_LABEL, names.AGENT_LABEL)
     shown = labels(target, identity)
@@ -39,13 +45,10 @@ def sensor_service(target: Target, mission: int, agent: str) -> Manifest:
     return {
         "apiVersion": "v1",
         "kind": "Service",
-        "metadata": {
-            "name": names.sensor_service(target.spec.name, mission, agent),
-            "namespace": target.spec.metadata.namespace,
-            "labels": shown,
-        },
+        "metadata": mission_metadata(target, identity),
         "spec": {
             "clusterIP": "None",
+            "publishNotReadyAddresses": True,
             "selector": {key: shown[key] for key in selector},
             "ports": [{"name": port, "port": target.settings.ports.sensor, "targetPort": port}],
         },
@@ -65,45 +68,92 @@ def sensor_job(target: Target, mission: int, agent: str) -> Manifest:
     )
     main = container(target, program)
     main["readinessProbe"] = readiness(name)
+    main["livenessProbe"] = liveness(name)
     return job(target, _identity(target, Role.SENSOR, mission, agent), main)
 
 
 def workflow_job(target: Target, mission: int, agent: str) -> Manifest:
     """The AS workflow of one agent, with Map() and Eval() beside it."""
-    service = names.sensor_service(target.spec.name, mission, agent)
-    functions = user_functions(target)
+    identity = _identity(target, Role.WORKFLOW, mission, agent)
+    return _workflow(target, identity, user_functions(target))
+
+
+def evaluate_job(target: Target, mission: int, agent: str) -> Manifest:
+    """A workflow that evaluates a mission whose agents have all landed: the agent's, started once more with Eval()."""
+    name = names.evaluate_job(target.spec.name, mission, agent)
+    identity = replace(_identity(target, Role.WORKFLOW, mission, agent), name=name, task=EVALUATE)
+    return _workflow(target, identity, user_functions(target)[1:])
+
+
+def _workflow(target: Target, identity: Identity, functions: Sequence[UserFunction]) -> Manifest:
+    service = names.sensor_service(target.spec.name, identity.mission, identity.agent)
     program = Program(
         names.main_container(Role.WORKFLOW),
         (*target.settings.role_command, "workflow"),
         settled(target.fleet.workflow.resources, defaults.WORKFLOW, "spec.workflow.resources"),
         {
-            "FLEET_MISSION": str(mission),
-            "FLEET_AGENT": agent,
+            "FLEET_MISSION": str(identity.mission),
+            "FLEET_AGENT": identity.agent,
             "FLEET_SENSOR_URL": f"http://{service}:{target.settings.ports.sensor}",
             **{f"FLEET_{each.name.upper()}_URL": f"http://localhost:{each.port}" for each in functions},
         },
     )
     sidecars = [sidecar(target, function) for function in functions]
-    return job(target, _identity(target, Role.WORKFLOW, mission, agent), container(target, program), sidecars)
+    return job(target, identity, container(target, program), sidecars)
 
 
-def compile_retraining(target: Target, mission: int, terms: Sequence[AggregatorTerms]) -> list[Manifest]:
-    """The aggregators of a mission, in the order of their terms."""
-    return [aggregator_job(target, mission, each) for each in terms]
+def mission_manifest(target: Target, mission: int) -> Manifest:
+    """The Mission object of a mission: what is flown, for `kubectl get missions`."""
+    metadata = fleet_metadata(target, names.mission(target.spec.name, mission))
+    metadata["labels"][names.MISSION_LABEL] = str(mission)
+    return {
+        "apiVersion": API_VERSION,
+        "kind": "Mission",
+        "metadata": metadata,
+        "spec": {
+            "fleet": target.spec.name,
+            "number": mission,
+            "context": target.fleet.state_space.context,
+            "seed": target.fleet.missions.seed,
+        },
+    }
 
 
-def aggregator_job(target: Target, mission: int, terms: AggregatorTerms) -> Manifest:
+def compile_retraining(
+    target: Target, mission: int, terms: Sequence[AggregatorTerms], placement: Mapping[str, Placement] | None = None
+) -> list[Manifest]:
+    """The aggregators of a mission, in the order of their terms.
+
+    Args:
+        placement: Where the data of each subset is, by its key; a subset that is not there may run anywhere.
+    """
+    places = placement or {}
+    return [aggregator_job(target, mission, each, places.get(each.subset)) for each in terms]
+
+
+def aggregator_job(
+    target: Target, mission: int, terms: AggregatorTerms, placement: Placement | None = None
+) -> Manifest:
     """The aggregator of one subset, suspended at level 0; resources of the FleetSpec go before its share."""
-    default = defaults.AGGREGATOR if terms.share is None else of_share(terms.share, defaults.SMALLEST_AGGREGATOR)
     program = Program(
         names.main_container(Role.AGGREGATOR),
         (*target.settings.role_command, "aggregator"),
-        settled(target.fleet.aggregation.resources, default, "spec.aggregation.resources"),
+        _aggregator_resources(target, terms),
         {"FLEET_MISSION": str(mission), "FLEET_SUBSET": terms.subset, "FLEET_LEVEL": str(terms.level)},
     )
     name = names.mission_job(Role.AGGREGATOR, target.spec.name, mission, terms.subset)
-    identity = Identity(name, Role.AGGREGATOR, terms.level, mission, subset=terms.subset)
-    return job(target, identity, container(target, program))
+    identity = Identity(name, Role.AGGREGATOR, terms.level, mission, subset=terms.subset, placement=placement)
+    return job(target, identity, resizable(container(target, program)))
+
+
+def aggregator_resources(target: Target, terms: AggregatorTerms) -> Manifest:
+    """`resources` of an aggregator's container."""
+    return to_manifest(_aggregator_resources(target, terms))
+
+
+def _aggregator_resources(target: Target, terms: AggregatorTerms) -> Resources:
+    default = defaults.AGGREGATOR if terms.share is None else of_share(terms.share, defaults.SMALLEST_AGGREGATOR)
+    return settled(target.fleet.aggregation.resources, default, "spec.aggregation.resources")
 
 
 def training_job(target: Target) -> Manifest:
@@ -133,7 +183,7 @@ def _trainer_job(target: Target, name: str, task: TrainerTask, mission: int) -> 
         },
         workers=workers,
     )
-    identity = Identity(name, Role.TRAINER, TRAINER_LEVEL, mission)
+    identity = Identity(name, Role.TRAINER, TRAINER_LEVEL, mission, task=task.value)
     return job(target, identity, container(target, program), [sidecar(target, each) for each in images])
 
 

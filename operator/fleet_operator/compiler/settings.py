@@ -26,6 +26,10 @@ class Settings:
         serve_command: In that image, what serves a Python function; `map` or `eval` and the function follow.
         pull_policy: When nodes fetch images.
         storage_uri: The platform's own storage, for fleets that name none.
+        storage_claim: PersistentVolumeClaim that is mounted in every pod where the storage is a folder; "" for none.
+        storage_ports: Ports on which pods reach the storage, as far as the address of the storage does not say.
+        network_policies: Whether each fleet gets NetworkPolicies.
+        lost_node_s: How long a pod waits for its machine when that is gone, before another takes its place.
         user_id: User and group that all containers run as.
     """
 
@@ -33,6 +37,10 @@ class Settings:
     role_command: tuple[str, ...] = ("python", "-m", "fleet.runtime")
     serve_command: tuple[str, ...] = ("fleet", "serve")
     pull_policy: str = "IfNotPresent"
-    storage_uri: str = "hdfs://fleet-storage:8020"
+    storage_uri: str = "webhdfs://fleet@fleet-computer-namenode.fleet-system:9870/fleet"
+    storage_claim: str = ""
+    storage_ports: tuple[int, ...] = (9870, 9864)
+    network_policies: bool = True
+    lost_node_s: int = 30
     user_id: int = 65532
     ports: Ports = field(default_factory=Ports)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from fleet.spec.functions import EvalSpec, FunctionSpec, MapSpec
@@ -9,6 +10,20 @@ from fleet.spec.resources import Fleet, FleetSpec
 from fleet_operator.compiler.bundle import Bundle
 from fleet_operator.compiler.settings import Settings
 from fleet_operator.policy.shares import Share
+
+
+@dataclass(frozen=True)
+class Owner:
+    """The object that owns what is made for it: Kubernetes deletes all that when the owner is gone.
+
+    Args:
+        uid: Tells it from an earlier or later object of the same name.
+    """
+
+    api_version: str
+    kind: str
+    name: str
+    uid: str
 
 
 @dataclass(frozen=True)
@@ -20,12 +35,14 @@ class Target:
         bundle: Function sources and other small files beside the FleetSpec.
         settings: What the installation decides.
         storage_uri: Address of the storage; that of the FleetSpec, or the installation's, when empty.
+        owner: Owner of every object that is made in the fleet's namespace; none when it is only printed.
     """
 
     spec: FleetSpec
     bundle: Bundle = field(default_factory=Bundle)
     settings: Settings = field(default_factory=Settings)
     storage_uri: str = ""
+    owner: Owner | None = None
 
     @property
     def fleet(self) -> Fleet:
@@ -74,3 +91,14 @@ class AggregatorTerms:
     subset: str
     level: int
     share: Share | None = None
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where the data of an aggregator is.
+
+    Args:
+        nodes: Bytes of its data on each node, by the node's name; only nodes that hold some.
+    """
+
+    nodes: Mapping[str, int] = field(default_factory=dict)

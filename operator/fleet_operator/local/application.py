@@ -22,7 +22,7 @@ _RENEWABLE: dict[str, Any] = {
     "eval": _PATIENCE,
     "aggregation": {"resources"},
     "workflow": {"resources", "sensor_resources", "trainer_resources"},
-    "missions": {"count", "interval", "clock", "seed", "agent_retries"},
+    "missions": {"count", "interval", "schedule", "clock", "seed", "agent_retries"},
     "storage": True,
     "suspend": True,
 }

@@ -36,8 +36,8 @@ def compile_spec(
     from fleet_operator.compiler.fleet import compile_fleet, to_yaml
     from fleet_operator.compiler.settings import Settings
     from fleet_operator.compiler.target import Target
-    from fleet_operator.local.orders import neutral_terms
-    from fleet_operator.local.sources import read_bundle
+    from fleet_operator.flow.orders import neutral_terms
+    from fleet_operator.flow.sources import read_bundle
 
     fleet_spec = inputs.read_spec(spec)
     settings = Settings() if image is None else Settings(runtime_image=image)
@@ -100,8 +100,8 @@ def _application(
     file: Path, missions: int | None, out: Path | None, storage: str | None, seed: int | None, context: list[str]
 ) -> Application:
     from fleet.storage.open import open_storage
+    from fleet_operator.flow.sources import read_bundle
     from fleet_operator.local.application import Application, with_changes
-    from fleet_operator.local.sources import read_bundle
 
     spec = with_changes(inputs.read_spec(file), missions, seed)
     folder = out or Path("fleet-out") / spec.name

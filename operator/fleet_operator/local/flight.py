@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from fleet.energy.model import energy_model
 from fleet_operator.compiler.missions import compile_flight
 from fleet_operator.compiler.target import Target
+from fleet_operator.flow.landings import has_failed, write_failed_landing
 from fleet_operator.local.application import Application
-from fleet_operator.local.landings import has_failed, write_failed_landing
 from fleet_operator.local.machine import JobState, Machine
 from fleet_operator.resources import names
 from fleet_operator.resources.roles import Role

@@ -6,17 +6,18 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
+from fleet.aggregation.subsets import subsets_for
 from fleet.errors import ObjectNotFound
 from fleet.missions.documents import WeightsDocument
 from fleet.missions.records import read_log
 from fleet.storage.layout import FleetPaths
 from fleet.storage.port import Storage
 from fleet_operator.compiler.target import AggregatorTerms
+from fleet_operator.flow.orders import Room, aggregator_terms, read_weights
+from fleet_operator.flow.records import read_records
 from fleet_operator.local.application import Application
 from fleet_operator.local.display import Gauge
-from fleet_operator.local.orders import aggregator_terms, read_evaluation, read_weights
 from fleet_operator.policy.lifecycle import Progress
-from fleet_operator.policy.progress import is_trained, missions_so_far
 from fleet_operator.policy.shares import Capacity
 
 _FRACTION = re.compile(r"(\d+)\s*(?:/|of)\s*(\d+)")
@@ -43,25 +44,17 @@ class Observer:
             given_up: Subsets whose aggregators have failed for good, by mission.
             broken: Why the run cannot go on; "" when it can.
         """
-        objects = {entry.path for entry in self._storage.list(self._paths.root)}
-
         def due(number: int) -> frozenset[str]:
             wanted = {each.subset for each in self.terms(number) if each.level > 0}
             return frozenset(wanted - set(given_up.get(number, ())))
 
-        def failed(number: int) -> frozenset[str]:
-            return frozenset(read_evaluation(self._storage, self._paths, number).failures)
-
-        return Progress(
-            prepared=self._paths.fleet_spec in objects,
-            trained=is_trained(self._paths, objects),
-            missions=missions_so_far(self._paths, objects, self._application.agents, due, failed),
-            broken=broken,
-        )
+        return read_records(self._storage, self._paths).progress(self._application.fleet, due, broken)
 
     def terms(self, number: int) -> tuple[AggregatorTerms, ...]:
         """Level and share of each aggregator after a mission."""
-        return aggregator_terms(self._application.fleet, self.history(number), number, self._capacity)
+        fleet = self._application.fleet
+        keys = [subset.key for subset in subsets_for(fleet)]
+        return aggregator_terms(fleet, self.history(number), number, Room.of_one(self._capacity), keys)
 
     def history(self, number: int) -> dict[int, WeightsDocument]:
         """The weights of missions 1..number, as far as they are there."""

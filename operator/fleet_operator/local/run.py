@@ -22,13 +22,13 @@ from fleet.spec.resources import Fleet
 from fleet_operator.compiler.fleet import function_sources, priority_classes
 from fleet_operator.compiler.missions import compile_retraining, training_job, weighing_job
 from fleet_operator.compiler.target import Target
+from fleet_operator.flow.orders import read_evaluation, write_order
 from fleet_operator.local.application import Application
 from fleet_operator.local.display import Display, Gauge
 from fleet_operator.local.flight import Flight
 from fleet_operator.local.ledger import LOGS, Ledger
 from fleet_operator.local.machine import JobState, Machine
 from fleet_operator.local.observe import Observer, trainer_gauges
-from fleet_operator.local.orders import read_evaluation, write_order
 from fleet_operator.policy.lifecycle import (
     Course,
     Done,
@@ -107,7 +107,7 @@ class Run:
             replace(mission, ended_s=self._ended_s.get(number))
             for number, mission in enumerate(progress.missions, start=1)
         )
-        return next_step(self._course, replace(progress, missions=missions, now_s=self._machine.now_s()))
+        return next_step(self._course, replace(progress, missions=missions, now_s=time.time()))
 
     def _take(self, step: Step) -> None:
         match step:
@@ -182,7 +182,7 @@ class Run:
         flight.run(agents, self._gauged(lambda: self._observer.flight_gauges(number, self._application.agents)))
         self._broken = flight.broken
         if self._application.storage.exists(self._application.paths.evaluation(number)):
-            self._ended_s[number] = self._machine.now_s()
+            self._ended_s[number] = time.time()
             self._display.note(mission_line(self._evaluation(number)))
 
     def _run_jobs(self, jobs: Sequence[Manifest], gauges: Callable[[], list[Gauge]]) -> dict[str, str]:
@@ -238,7 +238,7 @@ class Run:
 def _course(fleet: Fleet) -> Course:
     """What the FleetSpec asks for; with an accelerated clock, time between missions does not pass."""
     course = Course.of(fleet)
-    return course if fleet.missions.clock is ClockMode.REAL else replace(course, interval_s=0.0)
+    return course if fleet.missions.clock is ClockMode.REAL else replace(course, interval_s=0.0, schedule="")
 
 
 def mission_line(evaluation: MissionEvaluation) -> str:

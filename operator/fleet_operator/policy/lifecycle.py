@@ -13,6 +13,10 @@ from typing import assert_never
 
 from fleet.spec.base import duration_s
 from fleet.spec.resources import Fleet
+from fleet.spec.schedule import next_start
+
+LATE_S = 600.0
+"""How late a mission may start after the time that its schedule names: it waits for training, or for the operator."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +29,8 @@ class Course:
         retrain_every: Aggregators run after every so many missions.
         interval_s: Time from the end of a mission to the start of the next.
         suspended: No new mission is ordered; one that was ordered goes on to its weighing.
+        schedule: When missions start, as cron writes it, in UTC; "" when the interval says it. Then the clock of
+            `Progress` must be seconds since the Unix epoch.
     """
 
     agents: tuple[str, ...]
@@ -32,6 +38,7 @@ class Course:
     retrain_every: int = 1
     interval_s: float = 0.0
     suspended: bool = False
+    schedule: str = ""
 
     @staticmethod
     def of(fleet: Fleet) -> Course:
@@ -42,6 +49,7 @@ class Course:
             retrain_every=fleet.online_learning.retraining.every,
             interval_s=duration_s(fleet.missions.interval),
             suspended=fleet.suspend,
+            schedule=fleet.missions.schedule or "",
         )
 
 
@@ -108,10 +116,16 @@ class Order:
 
 @dataclass(frozen=True)
 class Wait:
-    """Let time pass before the next mission."""
+    """Let time pass before the next mission.
+
+    Args:
+        seconds: How long.
+        until_s: Until when, on the clock of `Progress.now_s`; the same each time that it is asked for.
+    """
 
     number: int
     seconds: float
+    until_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -201,8 +215,23 @@ def _next_mission(course: Course, progress: Progress) -> Step:
     if course.suspended:
         return Suspended(number)
     ended_s = progress.missions[-1].ended_s if progress.missions else None
-    left_s = 0.0 if ended_s is None else min(course.interval_s, ended_s + course.interval_s - progress.now_s)
-    return Wait(number, left_s) if left_s > 0 else Order(number)
+    due_s = _scheduled_s(course, progress, ended_s) if course.schedule else _after_interval_s(course, progress, ended_s)
+    if due_s is None:
+        return Failed(f"spec.missions.schedule has no time any more for mission {number}: {course.schedule}")
+    return Wait(number, due_s - progress.now_s, due_s) if due_s > progress.now_s else Order(number)
+
+
+def _after_interval_s(course: Course, progress: Progress, ended_s: float | None) -> float:
+    """When the interval is over; never longer from now than the interval, whatever the clock was when it began."""
+    if ended_s is None:
+        return progress.now_s
+    return min(ended_s, progress.now_s) + course.interval_s
+
+
+def _scheduled_s(course: Course, progress: Progress, ended_s: float | None) -> float | None:
+    """The first time of the schedule after the last mission; one that was missed by more than `LATE_S` is left out."""
+    since_s = progress.now_s - LATE_S
+    return next_start(course.schedule, since_s if ended_s is None else max(ended_s, since_s))
 
 
 def phase(step: Step) -> str:  # noqa: PLR0911 - one word for each kind of step

@@ -7,7 +7,7 @@ machine could hold is cut to the largest machine, and what that frees is divided
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 SMALLEST_REQUEST_CORES = 0.05
@@ -50,6 +50,19 @@ def shares(levels: Mapping[str, int], total: Capacity, largest_node: Capacity) -
     cores = water_fill(levels, total.cores, largest_node.cores)
     memory = water_fill(levels, total.memory_bytes, largest_node.memory_bytes)
     return {key: _share(Capacity(cores[key], math.floor(memory[key]))) for key in cores}
+
+
+def shares_of_the_rest(
+    levels: Mapping[str, int], finished: Collection[str], total: Capacity, largest_node: Capacity
+) -> dict[str, Share]:
+    """CPU and memory of the aggregators that are not finished, when what the others had is divided among them.
+
+    Returns:
+        As `shares`; nobody gets less than before, as fewer divide the same.
+    Raises:
+        ValueError: as `shares`.
+    """
+    return shares({key: level for key, level in levels.items() if key not in finished}, total, largest_node)
 
 
 def water_fill(levels: Mapping[str, int], total: float, cap: float) -> dict[str, float]:

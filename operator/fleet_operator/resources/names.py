@@ -23,16 +23,28 @@ ROLE_LABEL = f"{GROUP}/role"
 AGENT_LABEL = f"{GROUP}/agent"
 SUBSET_LABEL = f"{GROUP}/subset"
 LEVEL_LABEL = f"{GROUP}/level"
+TASK_LABEL = f"{GROUP}/task"
+"""Tells Jobs of one role, mission and agent apart: Fly or Evaluate, Train or Weigh."""
+FILES_LABEL = f"{GROUP}/files"
+"""On a ConfigMap with files that stand beside a FleetSpec: the name of the fleet."""
+AGENT_ANNOTATION = AGENT_LABEL
+SUBSET_ANNOTATION = SUBSET_LABEL
+"""Names as they are; the labels of these names may be hashed."""
+ORDER_ANNOTATION = f"{GROUP}/order"
+"""On a Job: hash of the FleetSpec, functions and images that it was made for."""
+PATHS_ANNOTATION = f"{GROUP}/paths"
+"""On a ConfigMap with files: JSON from its keys to paths relative to the FleetSpec."""
 
 FUNCTIONS_FOLDER = "/fleet/functions"
 """Where the user's functions are in a container."""
 FUNCTIONS_VOLUME = "functions"
 SCRATCH_FOLDER = "/tmp"
 SCRATCH_VOLUME = "tmp"
+STORAGE_VOLUME = "storage"
 HEALTH_PATH = "/healthz"
 
 _MISSION_PARTS = {Role.SENSOR: "sensor", Role.WORKFLOW: "workflow", Role.AGGREGATOR: "aggregator"}
-_AMBIGUOUS = re.compile(r"-(m\d{4,}-(sensor|workflow|aggregator|weigh)|train|functions)(-|$)")
+_AMBIGUOUS = re.compile(r"-(m\d{4,}-(sensor|workflow|aggregator|weigh|evaluate)|train|functions|files|network)(-|$)")
 
 
 def priority_class(level: int) -> str:
@@ -45,6 +57,21 @@ def functions(fleet: str, digest: str) -> str:
     return _name(fleet, "functions", digest[:_HASH_DIGITS])
 
 
+def files(fleet: str, part: int) -> str:
+    """A ConfigMap with files that stand beside the FleetSpec; they are split where one would be too large."""
+    return _name(fleet, "files", str(part))
+
+
+def network_policy(fleet: str, what: str) -> str:
+    """A NetworkPolicy of a fleet."""
+    return _name(fleet, "network", what)
+
+
+def mission(fleet: str, number: int) -> str:
+    """The Mission object of a mission."""
+    return _name(fleet, mission_part(number))
+
+
 def training_job(fleet: str) -> str:
     """The Job that shapes the reward and trains the first SA."""
     return _name(fleet, "train")
@@ -53,6 +80,11 @@ def training_job(fleet: str) -> str:
 def weighing_job(fleet: str, mission: int) -> str:
     """The Job that finds weights and usefulness after a mission."""
     return _name(fleet, mission_part(mission), "weigh")
+
+
+def evaluate_job(fleet: str, mission: int, agent: str) -> str:
+    """The Job that evaluates a mission in the place of an agent's workflow, when all have landed and none did."""
+    return _name(fleet, mission_part(mission), "evaluate", agent)
 
 
 def mission_job(role: Role, fleet: str, mission: int, member: str) -> str:

@@ -21,6 +21,15 @@ class TrainerTask(StrEnum):
     WEIGH = "Weigh"
 
 
+class NodeRole(StrEnum):
+    """What a machine is for: value of the label `fleetcomputer.io/role` of a node."""
+
+    GATEWAY = "gateway"
+    HUB = "hub"
+
+
+EVALUATE = "Evaluate"
+"""Task of a workflow that only evaluates a mission whose agents have all landed."""
 REAL_TIME_LEVEL = 10
 """Sensors and AS workflows: movement of vehicles waits for nothing."""
 TRAINER_LEVEL = 9

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from fleet.aggregation.latest import latest_models
@@ -21,7 +22,11 @@ from fleet_operator.policy.shares import Capacity, shares
 
 
 def write_order(storage: Storage, paths: FleetPaths, fleet: Fleet, number: int, subsets: Collection[str]) -> None:
-    """Write a mission's plan; for the first mission its weights before."""
+    """Write a mission's plan; for the first mission its weights before. Doing it twice leaves the same objects.
+
+    Args:
+        subsets: Keys of the fleet's subsets.
+    """
     if number == 1 and not storage.exists(paths.weights(1)):
         agents = [agent.name for agent in fleet.agents.resolved]
         weights = first_weights(agents)
@@ -48,30 +53,48 @@ def read_evaluation(storage: Storage, paths: FleetPaths, number: int) -> Mission
     return MissionEvaluation.model_validate_json(storage.read(paths.evaluation(number)))
 
 
+@dataclass(frozen=True)
+class Room:
+    """What there is for aggregators.
+
+    Args:
+        total: Of all machines together.
+        largest: Of the largest machine.
+    """
+
+    total: Capacity
+    largest: Capacity
+
+    @staticmethod
+    def of_one(machine: Capacity) -> Room:
+        """The room of a single machine."""
+        return Room(machine, machine)
+
+
 def aggregator_terms(
-    fleet: Fleet, history: Mapping[int, WeightsDocument], number: int, capacity: Capacity
+    fleet: Fleet, history: Mapping[int, WeightsDocument], number: int, room: Room, keys: Sequence[str]
 ) -> tuple[AggregatorTerms, ...]:
     """Level and share of each aggregator after a mission; one that is pruned or of level 0 is suspended.
 
     Args:
-        history: The weights of missions 1..number.
-        capacity: CPU and memory of the machine.
+        history: The weights of missions 1..number; without pruning, only those of `number` count.
+        room: What all aggregators share, unless the FleetSpec says it.
+        keys: Keys of the fleet's subsets.
     """
     known = history[number].usefulness
-    keys = [subset.key for subset in subsets_for(fleet)]
     gone = pruned([history[each].usefulness for each in sorted(history) if each <= number], fleet.aggregation.pruning)
     by_model = levels({**dict.fromkeys(keys), **known}, fleet.usefulness_scale)
     chosen = {key: 0 if key in gone else by_model[key] for key in keys}
-    divided = shares(chosen, total_for(fleet, capacity), capacity)
+    divided = shares(chosen, total_for(fleet, room), room.largest)
     return tuple(AggregatorTerms(key, chosen[key], divided.get(key)) for key in keys)
 
 
-def total_for(fleet: Fleet, capacity: Capacity) -> Capacity:
+def total_for(fleet: Fleet, room: Room) -> Capacity:
     """What all aggregators share: the FleetSpec's amounts, else all that there is."""
     scheduling = fleet.scheduling
     return Capacity(
-        capacity.cores if scheduling.cpu is None else quantity_value(scheduling.cpu),
-        capacity.memory_bytes if scheduling.memory is None else quantity_value(scheduling.memory),
+        room.total.cores if scheduling.cpu is None else quantity_value(scheduling.cpu),
+        room.total.memory_bytes if scheduling.memory is None else quantity_value(scheduling.memory),
     )
 
 

@@ -1,0 +1,209 @@
+"""The one way to the API server: calls that are bounded, tried again with back-off, and answered with typed errors."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import random
+import ssl
+from collections.abc import AsyncIterator, Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import aiohttp
+
+from fleet_operator.cluster.credentials import Credentials
+from fleet_operator.cluster.errors import ClusterError, NotLeading, Unauthorized, Unavailable
+from fleet_operator.cluster.refusals import is_passing, refusal
+
+APPLY = "application/apply-patch+yaml"
+"""Server-side apply; JSON is YAML too."""
+MERGE = "application/merge-patch+json"
+STRATEGIC = "application/strategic-merge-patch+json"
+JSON = "application/json"
+
+FIRST_PAUSE_S = 0.2
+LONGEST_PAUSE_S = 8.0
+_FAULTS = (aiohttp.ClientError, TimeoutError, ssl.SSLError, OSError)
+_METHODS = {"get": "GET", "list": "GET", "create": "POST", "update": "PUT", "patch": "PATCH", "delete": "DELETE"}
+
+
+@dataclass(frozen=True)
+class Call:
+    """One call of the API; it must be one that can be sent twice.
+
+    Args:
+        verb: As RBAC has it: get, list, create, update, patch, delete.
+        content: Media type of the body.
+        tries: How often it is sent at most.
+        urgent: It does not wait for a place among the calls in flight, and is not stopped by the fence.
+    """
+
+    verb: str
+    path: str
+    body: Mapping[str, Any] | None = None
+    query: Mapping[str, str] = field(default_factory=dict)
+    content: str = JSON
+    tries: int = 5
+    timeout_s: float = 30.0
+    urgent: bool = False
+
+    @property
+    def writes(self) -> bool:
+        """Whether it changes the cluster."""
+        return self.verb not in ("get", "list")
+
+
+class Transport:
+    """Calls to one API server.
+
+    Args:
+        credentials: Where it is, and who calls.
+        in_flight: Calls at the same time; the rest wait.
+        allowed: Says whether this process may write.
+        count: Told of each answer: verb, and HTTP status or 0.
+        chance: Spreads the times of second tries.
+    """
+
+    def __init__(
+        self,
+        credentials: Credentials,
+        in_flight: int = 32,
+        allowed: Callable[[], bool] = lambda: True,
+        count: Callable[[str, int], None] = lambda verb, status: None,
+        chance: random.Random | None = None,
+    ) -> None:
+        self._credentials = credentials
+        self._places = asyncio.Semaphore(in_flight)
+        self._count = count
+        self._chance = chance or random.Random()
+        self._session: aiohttp.ClientSession | None = None
+        self.allowed = allowed
+
+    async def __aenter__(self) -> Transport:
+        # The API server would spend more on packing lists than the wire of a cluster takes to carry them.
+        headers = {"Accept": JSON, "Accept-Encoding": "identity", "User-Agent": "fleet-operator"}
+        connector = aiohttp.TCPConnector(limit=0, ssl=self._credentials.tls, keepalive_timeout=60)
+        self._session = aiohttp.ClientSession(connector=connector, headers=headers, proxy=self._credentials.proxy)
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        if self._session is not None:
+            await self._session.close()
+            self._session = None
+
+    async def send(self, call: Call) -> dict[str, Any]:
+        """The API server's answer.
+
+        Raises:
+            ClusterError: it refused; what was passing was tried again.
+        """
+        attempt, read_anew = 1, False
+        while True:
+            try:
+                return await self._try(call)
+            except Unauthorized:
+                if read_anew:
+                    raise
+                read_anew = True
+                self._credentials.reload()
+            except ClusterError as error:
+                if not is_passing(error) or attempt >= call.tries:
+                    raise
+                await asyncio.sleep(error.retry_after_s + self.pause_s(attempt))
+                attempt += 1
+
+    async def _try(self, call: Call) -> dict[str, Any]:
+        if call.urgent:
+            return await self._exchange(call)
+        async with self._places:
+            if call.writes and not self.allowed():
+                raise NotLeading(f"{call.verb} {call.path}: not sent, as another process may hold the lease by now")
+            return await self._exchange(call)
+
+    async def _exchange(self, call: Call) -> dict[str, Any]:
+        headers = self._identity()
+        data = None
+        if call.body is not None:
+            headers["Content-Type"] = call.content
+            data = json.dumps(call.body, separators=(",", ":")).encode()
+        timeout = aiohttp.ClientTimeout(total=call.timeout_s, sock_connect=min(10.0, call.timeout_s))
+        method, address = _METHODS[call.verb], self._credentials.server + call.path
+        status = 0
+        try:
+            async with self._open.request(
+                method, address, params=call.query, data=data, headers=headers, timeout=timeout
+            ) as answer:
+                status = answer.status
+                content = await answer.read()
+        except _FAULTS as error:
+            status = 0
+            raise Unavailable(f"{call.verb} {call.path}: {_said(error)}") from error
+        finally:
+            self._count(call.verb, status)
+        if status >= 400:
+            raise refusal(f"{call.verb} {call.path}", status, content, answer.headers.get("Retry-After", ""))
+        return _object(call, content)
+
+    async def watch(self, path: str, query: Mapping[str, str], idle_s: float) -> AsyncIterator[list[bytes]]:
+        """The lines of a watch as they come, some at a time; ends when the API server ends it.
+
+        Args:
+            idle_s: Without a byte for so long the connection counts as dead.
+        Raises:
+            ClusterError: it was refused, or broke.
+        """
+        timeout = aiohttp.ClientTimeout(total=None, sock_connect=10.0, sock_read=idle_s)
+        address, headers = self._credentials.server + path, self._identity()
+        status = 0
+        try:
+            async with self._open.get(address, params=query, headers=headers, timeout=timeout) as answer:
+                status = answer.status
+                if status >= 400:
+                    raise refusal(f"watch {path}", status, await answer.read(), "")
+                async for lines in _lines(answer.content):
+                    yield lines
+        except _FAULTS as error:
+            raise Unavailable(f"watch {path}: {_said(error)}") from error
+        finally:
+            self._count("watch", status)
+            if status == 401:
+                self._credentials.reload()
+
+    def pause_s(self, attempt: int) -> float:
+        """How long to wait after a failed try (from 1): exponential with full jitter.
+
+        Source: M. Brooker, "Exponential Backoff And Jitter", AWS Architecture Blog, 2015.
+        """
+        return self._chance.uniform(0.0, min(LONGEST_PAUSE_S, FIRST_PAUSE_S * 2.0**attempt))
+
+    def _identity(self) -> dict[str, str]:
+        token = self._credentials.token
+        return {"Authorization": f"Bearer {token}"} if token else {}
+
+    @property
+    def _open(self) -> aiohttp.ClientSession:
+        if self._session is None:
+            raise Unavailable("the connection to the API server is not open")
+        return self._session
+
+
+async def _lines(content: aiohttp.StreamReader) -> AsyncIterator[list[bytes]]:
+    """Whole lines; StreamReader's own readline refuses those of large objects."""
+    rest = b""
+    async for chunk in content.iter_any():
+        *lines, rest = (rest + chunk).split(b"\n")
+        if lines:
+            yield lines
+
+
+def _object(call: Call, content: bytes) -> dict[str, Any]:
+    try:
+        answer: dict[str, Any] = json.loads(content)
+    except ValueError as error:
+        raise Unavailable(f"{call.verb} {call.path}: the answer is not JSON") from error
+    return answer
+
+
+def _said(error: BaseException) -> str:
+    return str(error) or type(error).__name__

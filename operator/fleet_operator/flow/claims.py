@@ -1,0 +1,88 @@
+"""Whose data is in storage, and what becomes of it when its FleetSpec is gone.
+
+A finalizer could not be trusted with this: without an operator, it would keep the FleetSpec from being deleted. So
+the claim is an object in the platform's storage, and the operator settles it whenever it finds the owner gone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from pydantic import Field, ValidationError
+
+from fleet.errors import ObjectNotFound
+from fleet.spec.base import Model
+from fleet.spec.platform import DeletionPolicy
+from fleet.storage.layout import CLAIMS, FleetPaths
+from fleet.storage.port import Storage
+
+
+class Claim(Model):
+    """A FleetSpec's claim to its folder."""
+
+    namespace: str
+    fleet: str
+    uid: str = Field(description="Of the FleetSpec.")
+    on_delete: DeletionPolicy
+    uri: str = Field(description="Storage that has the folder.")
+    root: str = Field(description="The folder.")
+
+    @property
+    def paths(self) -> FleetPaths:
+        """Where the fleet's objects are."""
+        return FleetPaths(self.namespace, self.fleet)
+
+
+def read_claim(storage: Storage, paths: FleetPaths) -> Claim | None:
+    """The claim to a fleet's folder; None when there is none. Raises StorageError."""
+    try:
+        return _parsed(storage.read(paths.claim))
+    except ObjectNotFound:
+        return None
+
+
+def write_claim(storage: Storage, claim: Claim) -> None:
+    """Make or replace a claim. Raises StorageError."""
+    storage.write(claim.paths.claim, claim.model_dump_json(by_alias=True, indent=1).encode())
+
+
+def all_claims(storage: Storage) -> tuple[Claim, ...]:
+    """Every claim that is there. Raises StorageError."""
+    found: list[Claim] = []
+    for entry in storage.list(CLAIMS):
+        try:
+            claim = _parsed(storage.read(entry.path))
+        except ObjectNotFound:
+            continue
+        if claim is not None:
+            found.append(claim)
+    return tuple(found)
+
+
+def abandoned(claims: tuple[Claim, ...], alive: Mapping[tuple[str, str], str]) -> tuple[Claim, ...]:
+    """Claims whose FleetSpec is gone.
+
+    Args:
+        alive: The uid of each FleetSpec by namespace and name.
+    """
+    return tuple(claim for claim in claims if alive.get((claim.namespace, claim.fleet)) != claim.uid)
+
+
+def settle(claim: Claim, platform: Storage, data: Storage) -> None:
+    """Do what a claim says is to be done when its owner is gone; the claim goes last, so that it may be done again.
+
+    Raises:
+        StorageError: a storage refuses.
+    """
+    if claim.on_delete is DeletionPolicy.DELETE:
+        data.delete(claim.root)
+    platform.delete(claim.paths.claim)
+
+
+def _parsed(data: bytes) -> Claim | None:
+    """None for what is no claim: it says nothing, and above all does not say that data may be deleted."""
+    try:
+        claim = Claim.model_validate_json(data)
+    except ValidationError:
+        return None
+    return claim if claim.root == claim.paths.root else None

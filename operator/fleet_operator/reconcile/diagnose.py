@@ -1,0 +1,145 @@
+"""Why Jobs are not ready: what Kubernetes says of their pods, and what it complains about.
+
+It is asked only for Jobs that are not ready for a while, so a fleet without trouble costs no call.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from fleet_operator.cluster.port import Cluster
+from fleet_operator.policy.status import Trouble
+from fleet_operator.reconcile.decide import Decided
+from fleet_operator.resources.refs import JOB, POD
+from fleet_operator.resources.roles import Role
+from fleet_operator.resources.views import JobState, JobView, NodeView, PodView
+
+PATIENCE_S = 10.0
+"""How long a pod may take to start before somebody looks why."""
+_MOST_COMPLAINTS = 3
+_IMAGE = {"ErrImagePull", "ImagePullBackOff", "ErrImageNeverPull", "InvalidImageName", "ImageInspectError"}
+_CONFIG = {"CreateContainerConfigError", "CreateContainerError"}
+_FAILING = {"CrashLoopBackOff", "RunContainerError"}
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was found.
+
+    Args:
+        troubles: What is not as it should be, the worst first.
+        lost: Jobs whose pods were told to end on machines that are gone, and so never say that they did. Kubernetes
+            makes no other pod before that (Kubernetes, "Jobs", podReplacementPolicy), so the Job is made anew.
+    """
+
+    troubles: tuple[Trouble, ...] = ()
+    lost: tuple[JobView, ...] = ()
+
+
+async def diagnose(cluster: Cluster, decided: Decided, now_s: float) -> Diagnosis:
+    """Look what is not as it should be with a fleet.
+
+    Raises:
+        ClusterError: the API server refuses.
+    """
+    waiting = [
+        job
+        for job in decided.observed.seen.jobs.values()
+        if job.state is JobState.PENDING and not job.deleting and now_s - job.created_s > PATIENCE_S
+    ]
+    if not waiting or decided.step is None:
+        return Diagnosis(tuple(_of_failed(decided)))
+    by_job: dict[str, list[PodView]] = {}
+    for pod in await cluster.pods(decided.observed.seen.ref):
+        by_job.setdefault(pod.job, []).append(pod)
+    lost = tuple(job for job in waiting if _is_lost(by_job.get(job.ref.name, []), decided.observed.seen.nodes))
+    found = await _of_waiting(cluster, decided, [job for job in waiting if job not in lost], by_job)
+    gone = sorted({pod.node for job in lost for pod in _live(by_job[job.ref.name])})
+    if gone:
+        found.insert(0, Trouble("NodeLost", f"{', '.join(gone)} is gone; its pods are started on other machines"))
+    return Diagnosis((*found, *_of_failed(decided)), lost)
+
+
+def _is_lost(pods: Sequence[PodView], nodes: Sequence[NodeView]) -> bool:
+    ready = {node.name for node in nodes if node.ready}
+    live = _live(pods)
+    return bool(live) and all(pod.deleting and pod.node and pod.node not in ready for pod in live)
+
+
+def _of_failed(decided: Decided) -> list[Trouble]:
+    """Agents and aggregators that the mission goes on without."""
+    found: list[Trouble] = []
+    if not decided.mission:
+        return found
+    records, number = decided.observed.records, decided.mission
+    evaluation = records.evaluation(number)
+    failures = dict(evaluation.failures) if evaluation is not None else _fallen(decided, number)
+    if failures:
+        told = "; ".join(f"{agent} failed: {message}" for agent, message in sorted(failures.items()))
+        found.append(Trouble("AgentFailed", f"mission {number}: {told}"))
+    for subset, message in sorted(decided.given_up.items()):
+        found.append(Trouble("AggregatorFailed", f"mission {number}: the aggregator of {subset} failed: {message}"))
+    return found
+
+
+def _fallen(decided: Decided, number: int) -> Mapping[str, str]:
+    landed = decided.progress.missions[number - 1].landed
+    landings = {agent: decided.observed.records.landing(number, agent) for agent in sorted(landed)}
+    return {agent: each.message for agent, each in landings.items() if each is not None and each.failed}
+
+
+async def _of_waiting(
+    cluster: Cluster, decided: Decided, waiting: Sequence[JobView], by_job: Mapping[str, Sequence[PodView]]
+) -> list[Trouble]:
+    found: dict[str, Trouble] = {}
+    podless = [job for job in waiting if not _live(by_job.get(job.ref.name, []))]
+    for job in waiting:
+        for pod in by_job.get(job.ref.name, []):
+            trouble = await _of_pod(cluster, job, pod)
+            if trouble is not None and not _is_queueing(trouble, job, decided):
+                found.setdefault(trouble.reason, trouble)
+    for job in podless[:_MOST_COMPLAINTS]:
+        for reason, message in await cluster.complaints(job.ref, JOB.kind):
+            trouble = _of_complaint(job.ref.name, reason, message)
+            if trouble is not None:
+                found.setdefault(trouble.reason, trouble)
+                break
+    return list(found.values())
+
+
+def _live(pods: Sequence[PodView]) -> list[PodView]:
+    return [pod for pod in pods if pod.phase not in ("Failed", "Succeeded")]
+
+
+async def _of_pod(cluster: Cluster, job: JobView, pod: PodView) -> Trouble | None:
+    about = f"pod {pod.ref.name}"
+    said = f": {pod.message}" if pod.message else ""
+    if pod.waiting in _IMAGE:
+        return Trouble("ImageMissing", f"{about} cannot get its image ({pod.waiting}{said})")
+    if pod.waiting in _CONFIG:
+        return Trouble("ConfigMissing", f"{about} cannot be set up ({pod.waiting}{said})")
+    if pod.waiting in _FAILING or pod.phase == "Failed" or pod.restarts:
+        return Trouble("PodFailing", f"{about} of Job {job.ref.name} fails again and again{said or ': see its log'}")
+    if pod.waiting:
+        return Trouble("Unschedulable", f"{about} finds no node{said}")
+    if pod.phase == "Pending" and pod.node:  # nothing is said of a volume that cannot be mounted but by an event
+        for reason, message in await cluster.complaints(pod.ref, POD.kind):
+            if reason in ("FailedMount", "FailedAttachVolume"):
+                return Trouble("ConfigMissing", f"{about} cannot be set up ({reason}: {message})")
+    return None
+
+
+def _of_complaint(name: str, reason: str, message: str) -> Trouble | None:
+    if reason != "FailedCreate":
+        return None
+    kind = "QuotaExceeded" if "exceeded quota" in message else "PodRefused"
+    return Trouble(kind, f"Job {name} gets no pod: {message}")
+
+
+def _is_queueing(trouble: Trouble, job: JobView, decided: Decided) -> bool:
+    """Aggregators wait for each other by design: that some find no node is no trouble while one runs."""
+    if trouble.reason != "Unschedulable" or job.role is not Role.AGGREGATOR:
+        return False
+    jobs = decided.observed.seen.jobs.values()
+    return any(each.role is Role.AGGREGATOR and each.state is JobState.RUNNING for each in jobs)

@@ -1,0 +1,61 @@
+"""What is remembered of a fleet between two passes: nothing that counts, only what saves work."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from fleet.spec.base import Model
+from fleet.spec.resources import FleetSpec
+from fleet_operator.compiler.bundle import Bundle
+from fleet_operator.policy.status import Situation
+from fleet_operator.reconcile.asked import Asked
+
+_DOCUMENTS = 64
+
+
+@dataclass
+class Note:
+    """Of one FleetSpec object; it may be lost at any moment.
+
+    Args:
+        uid: Of the FleetSpec.
+
+    Attributes:
+        at_rest: What was seen of the cluster when nothing was left to do; "" while there is something.
+        asked_for: What `asked` was made of.
+        asked: What the user asks for.
+        claimed: The claim that is known to be in storage: uid and policy.
+        stored: The FleetSpec in storage, which nobody else writes; None when it is not known.
+        functions: The functions in storage; None when they are not known.
+        known: What is in the fleet's folder, as far as it counts; None when it is not known.
+        known_for: As `asked_for`, when that was listed: another FleetSpec is worth a new look at everything.
+        documents: Documents of missions by path: they never change.
+        steps: Size and records of logs, by path.
+        situation: That of the last pass.
+        resized: The mission, and its aggregators that were over when the others were last given their share.
+    """
+
+    uid: str
+    at_rest: str = ""
+    asked_for: str = ""
+    asked: Asked | None = None
+    claimed: str = ""
+    stored: FleetSpec | None = None
+    functions: Bundle | None = None
+    known: dict[str, int] | None = None
+    known_for: str = ""
+    documents: dict[str, Model] = field(default_factory=dict)
+    steps: dict[str, tuple[int, int]] = field(default_factory=dict)
+    situation: Situation | None = None
+    resized: tuple[int, frozenset[str]] = (0, frozenset())
+
+    def rest(self, seen: str) -> None:
+        """Remember that nothing is left to do, and forget what is only of use while there is."""
+        self.at_rest = seen
+        self.asked, self.asked_for, self.functions, self.stored, self.known = None, "", None, None, None
+        self.documents, self.steps, self.situation = {}, {}, None
+
+    def tidy(self) -> None:
+        """Keep the documents that were read last."""
+        for path in list(self.documents)[:-_DOCUMENTS]:
+            del self.documents[path]

@@ -1,0 +1,98 @@
+"""Kill the operator after, and before, each of its writes: `python -m tests.crash --all`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from pathlib import Path
+
+from tests.crash.campaign import all_kills, carry_out, check, problems, sample
+from tests.crash.scenarios import SCENARIOS, Scenario
+from tests.crash.trial import Kill, Plan, Result, run_trial
+from tests.crash.world import World, cores, world
+from tests.testbed.faults import Moment
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the kills that are asked for; 1 when one of them left a difference."""
+    given = _arguments(arguments)
+    with tempfile.TemporaryDirectory(prefix="fleet-crash-") as folder, world(Path(folder), given.slots) as place:
+        expected = run_trial(place, Plan("undisturbed"))
+        again = run_trial(place, Plan("undisturbed-again"))
+        say(f"undisturbed: {expected.writes['api']} writes to the API, {expected.writes['storage']} to storage")
+        if unlike := problems(expected, again):
+            tell("two undisturbed runs differ", unlike)
+            return 1
+        if given.faults is not None:
+            return faults(place, expected, given.faults)
+        kills = chosen(given, expected.writes)
+        started_s, failed = time.monotonic(), 0
+        for number, (kill, lines) in enumerate(carry_out(place, expected, kills, "kill"), start=1):
+            failed += bool(lines)
+            tell(f"{number}/{len(kills)} {kill}", lines)
+        say(f"{len(kills)} kills in {time.monotonic() - started_s:.0f} s, {failed} of them left a difference")
+    return 1 if failed else 0
+
+
+def faults(place: World, expected: Result, wanted: Sequence[str]) -> int:
+    """Run the scenarios of these names, or all; 1 when one of them left a difference."""
+    selected = [each for each in SCENARIOS if not wanted or each.name in wanted]
+    failed = 0
+    with ThreadPoolExecutor(place.slots.qsize()) as pool:
+        runs = {pool.submit(_scenario, place, expected, each): each for each in selected if not each.alone}
+        for run in as_completed(runs):
+            failed += bool(run.result())
+            tell(runs[run].name, run.result())
+    for each in selected:
+        if each.alone:
+            lines = _scenario(place, expected, each)
+            failed += bool(lines)
+            tell(each.name, lines)
+    return 1 if failed else 0
+
+
+def _scenario(place: World, expected: Result, scenario: Scenario) -> list[str]:
+    started_s = time.monotonic()
+    lines = check(place, expected, Plan(scenario.name, disturb=scenario.disturb), scenario.allowed)
+    say(f"{scenario.name}: {time.monotonic() - started_s:.0f} s")
+    return lines
+
+
+def chosen(given: argparse.Namespace, writes: Mapping[str, int]) -> list[Kill]:
+    """The kills that the command line asks for."""
+    if given.only:
+        parts = [each.split(":") for each in given.only]
+        return [Kill(door, int(number), Moment(moment)) for door, number, moment in parts]
+    kills = all_kills(writes)
+    return kills if given.all else sample(kills, min(given.sample, len(kills)), given.seed)
+
+
+def tell(what: str, lines: Sequence[str]) -> None:
+    """One run in a line, and what was wrong with it below."""
+    say(f"{what}: {'as undisturbed' if not lines else 'DIFFERS'}")
+    for line in lines:
+        say(f"    {line}")
+
+
+def say(text: str) -> None:
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
+
+
+def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m tests.crash", description=__doc__)
+    parser.add_argument("--all", action="store_true", help="every write, both moments")
+    parser.add_argument("--sample", type=int, default=8, help="how many, when not all (8)")
+    parser.add_argument("--seed", type=int, default=0, help="of the sample (0)")
+    parser.add_argument("--only", nargs="*", metavar="DOOR:WRITE:MOMENT", help="these: api:17:after storage:3:before")
+    parser.add_argument("--faults", nargs="*", metavar="NAME", help="the faults of tests/crash/scenarios.py instead")
+    parser.add_argument("--slots", type=int, default=cores(), help="runs side by side (cores)")
+    return parser.parse_args(arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

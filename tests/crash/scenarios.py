@@ -1,0 +1,221 @@
+"""What goes wrong with a run, other than a kill of the operator after a write."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from fleet_operator.resources import names
+from fleet_operator.resources.roles import Role
+from tests.crash.application import FLEET
+from tests.crash.campaign import NOTHING, Allowed
+from tests.crash.program import Operator, image
+from tests.crash.trial import Trial
+from tests.testbed.faults import WRITES, Fault, Moment
+
+AGENT = "agent-1"
+_STORAGE_TOLD = frozenset({"StorageUnavailable"})
+_LONG_S = 600.0
+_SOME_WRITES = "|".join(sorted(WRITES))
+
+
+# -- the API server refuses, is slow, or is away
+
+
+def conflicts(trial: Trial) -> None:
+    """Every third write is refused with 409."""
+    trial.slot.api.faults.append(Fault(method=_SOME_WRITES, share=0.3, status=409))
+
+
+def throttled(trial: Trial) -> None:
+    """A quarter of all requests, watches too, are refused with 429."""
+    trial.slot.api.faults.append(Fault(share=0.25, status=429, retry_after_s=1))
+
+
+def server_errors(trial: Trial) -> None:
+    """A quarter of all requests fail with 500, half of them after the server has done them."""
+    trial.slot.api.faults.append(Fault(share=0.12, status=500))
+    trial.slot.api.faults.append(Fault(method=_SOME_WRITES, share=0.14, status=500, moment=Moment.AFTER))
+
+
+def slow_and_cut(trial: Trial) -> None:
+    """Answers take long, and every tenth connection is reset, half of these after the server has done its work."""
+    trial.slot.api.faults.append(Fault(share=0.05, reset=True))
+    trial.slot.api.faults.append(Fault(method=_SOME_WRITES, share=0.05, reset=True, moment=Moment.AFTER))
+    trial.slot.api.faults.append(Fault(delay_s=0.3))
+
+
+def storage_errors(trial: Trial) -> None:
+    """Storage fails in all these ways."""
+    faults = trial.slot.storage.faults
+    faults.append(Fault(share=0.1, status=503))
+    faults.append(Fault(method=_SOME_WRITES, share=0.1, status=500, moment=Moment.AFTER))
+    faults.append(Fault(share=0.1, reset=True))
+    faults.append(Fault(share=0.2, delay_s=0.3))
+
+
+def watches_cut(trial: Trial) -> None:
+    """All watches break, again and again."""
+    for _ in range(8):
+        time.sleep(0.7)
+        trial.slot.api.cut_watches()
+
+
+def api_away(trial: Trial) -> None:
+    """The operator cannot reach the API server for a while in which the mission goes on."""
+    trial.hold(AGENT, 1.0)
+    trial.slot.api.down()
+    time.sleep(4.0)
+    trial.slot.api.up()
+
+
+# -- the operator
+
+
+def stopped_and_started(trial: Trial) -> None:
+    """It is asked to end in mid-flight, as by a rolling update, and comes back after the mission."""
+    trial.hold(AGENT, 1.0)
+    trial.operator.stop()
+    time.sleep(3.0)
+    trial.start_operator()
+
+
+def leader_killed(trial: Trial) -> None:
+    """Of two operators the one at work is killed in mid-flight, and does not come back."""
+    second = Operator(trial.world, trial.slot, trial.namespace, "operator-1")
+    second.start()
+    try:
+        trial.hold(AGENT, 1.0)
+        trial.operator.kill()
+        trial.operator, first = second, trial.operator
+        first.close()
+    except BaseException:
+        second.close()
+        raise
+
+
+# -- pods, nodes, images, quotas
+
+
+def evicted(trial: Trial) -> None:
+    """The pod of a workflow is evicted in mid-flight."""
+    trial.hold(AGENT, _LONG_S)
+    pod = _pod_of(trial, Role.WORKFLOW, AGENT)
+    path = f"/api/v1/namespaces/{trial.namespace}/pods/{pod}/eviction"
+    metadata = {"name": pod, "namespace": trial.namespace}
+    trial.world.cluster.post(path, {"apiVersion": "policy/v1", "kind": "Eviction", "metadata": metadata})
+
+
+def node_lost(trial: Trial) -> None:
+    """The machine of a workflow loses its power in mid-flight, and comes back when its pods were given up."""
+    trial.hold(AGENT, _LONG_S)
+    pod = _pod_of(trial, Role.WORKFLOW, AGENT)
+    path = f"/api/v1/namespaces/{trial.namespace}/pods/{pod}"
+    node = (trial.world.cluster.get(path) or {})["spec"]["nodeName"]
+    trial.world.kubelet.power_off(node)
+    try:
+        trial.wait_until("the pods of the lost node are given up", lambda: _is_leaving(trial, path))
+    finally:
+        trial.world.kubelet.power_on(node)
+
+
+def image_missing(trial: Trial) -> None:
+    """No node has the image, until somebody loads it."""
+    trial.world.kubelet.lose_image(image(trial.namespace))
+    trial.wait_until("the missing image is told", lambda: trial.condition("Degraded") == ("True", "ImageMissing"))
+    trial.world.kubelet.load_image(image(trial.namespace))
+    trial.wait_until("nothing is told any more", lambda: trial.condition("Degraded")[0] == "False")
+
+
+def quota_exceeded(trial: Trial) -> None:
+    """The namespace may have no pods, until somebody raises its quota."""
+    path = f"/api/v1/namespaces/{trial.namespace}/resourcequotas"
+    trial.world.cluster.post(path, {"metadata": {"name": "few"}, "spec": {"hard": {"pods": "0"}}})
+    trial.wait_until("the quota is told", lambda: trial.condition("Degraded") == ("True", "QuotaExceeded"))
+    trial.world.cluster.patch(f"{path}/few", {"spec": {"hard": {"pods": "50"}}})
+    trial.wait_until("nothing is told any more", lambda: trial.condition("Degraded")[0] == "False")
+
+
+# -- removal
+
+
+def deleted_in_flight(trial: Trial) -> None:
+    """The FleetSpec is deleted in mid-flight."""
+    trial.hold(AGENT, _LONG_S)
+    trial.remove()
+    trial.wait_until("the FleetSpec is gone", lambda: not trial.fleet())
+
+
+def deleted_without_operator(trial: Trial) -> None:
+    """The same while no operator runs: what storage has is removed by the next one."""
+    trial.hold(AGENT, _LONG_S)
+    trial.operator.stop()
+    trial.remove()
+    time.sleep(1.0)
+    if trial.fleet():
+        raise AssertionError("the FleetSpec does not go without its operator")
+    trial.start_operator()
+
+
+# -- what is underneath
+
+
+def everything_restarts(trial: Trial) -> None:
+    """NameNode and a DataNode are killed and come back in the first mission, the API server in the second."""
+    trial.hold(AGENT, 4.0)
+    trial.world.hdfs.stop_datanode(0)
+    trial.world.hdfs.restart_namenode()
+    trial.wait_until("the second mission is ordered", lambda: trial.storage.exists(trial.paths.plan(2)))
+    trial.world.plane.restart_api_server()
+    trial.world.hdfs.start_datanode(0)
+
+
+def _pod_of(trial: Trial, role: Role, agent: str) -> str:
+    job = names.mission_job(role, FLEET, 1, agent)
+    started = trial.world.kubelet.journal(trial.namespace, "started")
+    pod: str = next(line["pod"] for line in started if line["job"] == job)
+    return pod
+
+
+def _is_leaving(trial: Trial, path: str) -> bool:
+    pod = trial.world.cluster.get(path)
+    return pod is None or "deletionTimestamp" in pod["metadata"]
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A fault, and what it may change in the results.
+
+    Args:
+        alone: No other run goes on meanwhile.
+    """
+
+    disturb: Callable[[Trial], None]
+    allowed: Allowed = NOTHING
+    alone: bool = False
+
+    @property
+    def name(self) -> str:
+        return self.disturb.__name__.replace("_", "-")
+
+
+_WORKFLOW = names.mission_job(Role.WORKFLOW, FLEET, 1, AGENT)
+SCENARIOS = (
+    Scenario(conflicts),
+    Scenario(throttled),
+    Scenario(server_errors),
+    Scenario(slow_and_cut),
+    Scenario(storage_errors, Allowed(_STORAGE_TOLD)),
+    Scenario(watches_cut),
+    Scenario(api_away),
+    Scenario(stopped_and_started),
+    Scenario(leader_killed),
+    Scenario(evicted, Allowed(started_again=frozenset({_WORKFLOW}))),
+    Scenario(image_missing, Allowed(frozenset({"ImageMissing"}))),
+    Scenario(quota_exceeded, Allowed(frozenset({"QuotaExceeded"}))),
+    Scenario(deleted_in_flight),
+    Scenario(deleted_without_operator),
+    Scenario(node_lost, Allowed(frozenset({"NodeLost"}), frozenset({_WORKFLOW})), alone=True),
+    Scenario(everything_restarts, Allowed(_STORAGE_TOLD), alone=True),
+)

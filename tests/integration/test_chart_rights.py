@@ -1,0 +1,190 @@
+"""What the operator of the chart may do on a real API server: what it needs, and nothing else."""
+
+from __future__ import annotations
+
+import ssl
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import httpx
+import pytest
+
+from tests.chart import CHART, NAMESPACE, RELEASE, ROOT, Helm
+from tests.testbed.control_plane import ControlPlane, control_plane
+from tests.testbed.requirements import need
+from tests.testbed.waiting import wait_for
+
+pytestmark = [pytest.mark.xdist_group("control-plane"), pytest.mark.slow]
+
+EXAMPLE = ROOT / "examples/crop-scouting/fleetspec.yaml"
+FIELDS = ["--namespace", NAMESPACE]
+Rights = dict[tuple[str, str], set[str]]
+
+READ = {"get", "list", "watch"}
+EVERYWHERE = {
+    ("fleetcomputer.io", "edgenodes"): READ,
+    ("", "nodes"): READ,
+}
+IN_A_NAMESPACE = {
+    ("fleetcomputer.io", "fleetspecs"): READ,
+    ("fleetcomputer.io", "fleetspecs/status"): {"get", "patch"},
+    ("fleetcomputer.io", "missions"): READ | {"create", "patch", "delete"},
+    ("fleetcomputer.io", "missions/status"): {"get", "patch"},
+    ("batch", "jobs"): READ | {"create", "patch", "delete"},
+    ("", "configmaps"): READ | {"create", "patch", "delete"},
+    ("", "services"): {"get", "create", "patch", "delete"},
+    ("networking.k8s.io", "networkpolicies"): {"get", "create", "patch", "delete"},
+    ("", "pods"): {"get", "list"},
+    ("", "pods/resize"): {"patch"},
+    ("", "events"): {"create", "patch"},
+}
+IN_ITS_OWN = {("coordination.k8s.io", "leases"): {"create"}}
+VERBS = ("get", "list", "watch", "create", "update", "patch", "delete", "deletecollection")
+SPECIAL = (
+    ("bind", "rbac.authorization.k8s.io", "clusterroles"),
+    ("escalate", "rbac.authorization.k8s.io", "clusterroles"),
+    ("impersonate", "", "users"),
+    ("impersonate", "", "serviceaccounts"),
+    ("approve", "certificates.k8s.io", "signers"),
+    ("sign", "certificates.k8s.io", "signers"),
+)
+
+
+class Reviewer:
+    """Asks the API server what a service account of the release's namespace may do."""
+
+    def __init__(self, api: httpx.Client, account: str) -> None:
+        self._client = api
+        self._user = {
+            "user": f"system:serviceaccount:{NAMESPACE}:{account}",
+            "groups": ["system:serviceaccounts", f"system:serviceaccounts:{NAMESPACE}", "system:authenticated"],
+        }
+
+    def may(self, **attributes: str) -> bool:
+        """Whether it may."""
+        review = {
+            "apiVersion": "authorization.k8s.io/v1",
+            "kind": "SubjectAccessReview",
+            "spec": self._user | {"resourceAttributes": attributes},
+        }
+        answer = self._client.post("/apis/authorization.k8s.io/v1/subjectaccessreviews", json=review)
+        return bool(answer.raise_for_status().json()["status"]["allowed"])
+
+    def rights(self, namespace: str) -> Rights:
+        """Every verb that the cluster has, on every resource and subresource, that it may in a namespace ("": all)."""
+        with ThreadPoolExecutor(8) as pool:
+            answers = pool.map(lambda case: self._may_in(namespace, *case), cases := self._cases())
+        found: Rights = {}
+        for (resource, verb), yes in zip(cases, answers, strict=True):
+            if yes:
+                found.setdefault(resource, set()).add(verb)
+        return found
+
+    def _may_in(self, namespace: str, resource: tuple[str, str], verb: str) -> bool:
+        kind, _, part = resource[1].partition("/")
+        return self.may(namespace=namespace, group=resource[0], resource=kind, subresource=part, verb=verb)
+
+    def _cases(self) -> list[tuple[tuple[str, str], str]]:
+        groups = self._client.get("/apis").json()["groups"]
+        paths = {"": "/api/v1"} | {each["name"]: f"/apis/{each['preferredVersion']['groupVersion']}" for each in groups}
+        return [
+            ((group, resource["name"]), verb)
+            for group, path in paths.items()
+            for resource in self._client.get(path).json()["resources"]
+            for verb in resource["verbs"]
+        ]
+
+
+@pytest.fixture(scope="module")
+def plane(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ControlPlane]:
+    """A control plane of this module's own: the chart brings what belongs to a whole cluster."""
+    need("helm", "openssl", "setpriv", "etcd", "kube-apiserver", "kube-controller-manager", "kubectl")
+    with control_plane(tmp_path_factory.mktemp("chart-rights")) as plane:
+        for namespace in (NAMESPACE, "fields", "orchards"):
+            plane.kubectl("create", "namespace", namespace)
+        yield plane
+
+
+@pytest.fixture(scope="module")
+def api(plane: ControlPlane) -> Iterator[httpx.Client]:
+    """The API server, asked by its administrator."""
+    trusted = ssl.create_default_context(cafile=str(plane.ca))
+    token = {"Authorization": f"Bearer {plane.token}"}
+    with httpx.Client(base_url=plane.url, verify=trusted, headers=token, trust_env=False, timeout=30.0) as client:
+        yield client
+
+
+def install(plane: ControlPlane, api: httpx.Client, folder: Path, *values: str) -> Reviewer:
+    """The release with these values and no other; the rights of its operator."""
+    Helm(folder, plane.kubeconfig)("upgrade", "--install", "--reset-values", RELEASE, CHART, *FIELDS, *values)
+    reviewer = Reviewer(api, f"{RELEASE}-operator")
+    everywhere = not values
+    wait_for(
+        "its rights",
+        lambda: (
+            reviewer.may(namespace="fields", verb="list", group="batch", resource="jobs")
+            and reviewer.may(namespace="", verb="list", group="batch", resource="jobs") is everywhere
+        ),
+    )
+    return reviewer
+
+
+def test_the_operator_may_do_what_it_needs_and_nothing_else(
+    plane: ControlPlane, api: httpx.Client, tmp_path: Path
+) -> None:
+    reviewer = install(plane, api, tmp_path)
+    everybody = Reviewer(api, "nobody").rights(NAMESPACE)  # by roles that Kubernetes brings along
+    anywhere = {**everybody, **EVERYWHERE, **IN_A_NAMESPACE}
+    assert reviewer.rights("") == anywhere
+    assert reviewer.rights(NAMESPACE) == {**anywhere, **IN_ITS_OWN}
+    assert [case for case in SPECIAL if reviewer.may(verb=case[0], group=case[1], resource=case[2])] == []
+    assert everybody == Reviewer(api, f"{RELEASE}-hdfs").rights(NAMESPACE), "HDFS may nothing more"
+    assert sum(len(verbs) for verbs in everybody.values()) < 10
+
+
+def test_the_operator_may_touch_one_lease(plane: ControlPlane, api: httpx.Client, tmp_path: Path) -> None:
+    reviewer = install(plane, api, tmp_path)
+    leases = {"namespace": NAMESPACE, "group": "coordination.k8s.io", "resource": "leases"}
+    found = {
+        name: [verb for verb in VERBS if reviewer.may(**leases, verb=verb, name=name)]
+        for name in (f"{RELEASE}-operator", "another")
+    }
+    assert found == {f"{RELEASE}-operator": ["get", "create", "update", "patch"], "another": ["create"]}
+
+
+def test_with_named_namespaces_the_operator_may_nothing_elsewhere(
+    plane: ControlPlane, api: httpx.Client, tmp_path: Path
+) -> None:
+    reviewer = install(plane, api, tmp_path, "--set", "operator.watchNamespaces={fields,orchards}")
+    everybody = Reviewer(api, "nobody").rights(NAMESPACE)
+    assert reviewer.rights("fields") == {**everybody, **EVERYWHERE, **IN_A_NAMESPACE}
+    assert reviewer.rights("default") == {**everybody, **EVERYWHERE}
+    assert reviewer.rights(NAMESPACE) == {**everybody, **EVERYWHERE, **IN_ITS_OWN}
+
+
+def test_what_the_reviews_say_is_what_happens(plane: ControlPlane, api: httpx.Client, tmp_path: Path) -> None:
+    install(plane, api, tmp_path)
+    account = plane.service_account(NAMESPACE, f"{RELEASE}-operator")
+    plane.kubectl("apply", "--server-side", "-f", str(EXAMPLE))
+    plane.apply({"apiVersion": "v1", "kind": "Node", "metadata": {"name": "node-1"}})
+    namenode = f"{RELEASE}-namenode-0"
+    wait_for("a pod", lambda: plane.kubectl("get", "pod", namenode, *FIELDS, check=False))
+    tried = {
+        'list resource "secrets"': ("get", "secrets", "-A"),
+        'create resource "pods"': ("run", "one", "--image=one"),
+        'create resource "pods/exec"': ("exec", namenode, *FIELDS, "--", "id"),
+        'delete resource "pods"': ("delete", "pod", namenode, *FIELDS),
+        'patch resource "nodes"': ("cordon", "node-1"),
+        'create resource "clusterrolebindings"': (
+            "create",
+            "clusterrolebinding",
+            "one",
+            "--clusterrole=view",
+            "--user=x",
+        ),
+        'get resource "clusterroles"': ("label", "clusterrole", "view", "one=two"),
+        'patch resource "fleetspecs"': ("label", "fleetspec", "crop-scouting", "one=two", "--namespace=default"),
+    }
+    said = {what: plane.try_kubectl("--kubeconfig", str(account), *command).stderr for what, command in tried.items()}
+    assert [text for what, text in said.items() if f"cannot {what}" not in text] == []

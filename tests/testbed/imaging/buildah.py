@@ -1,0 +1,131 @@
+"""buildah with a store of its own: builds images from Containerfiles and writes them as OCI archives."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import shutil
+import subprocess
+import tarfile
+from collections.abc import Mapping
+from pathlib import Path
+
+from tests.testbed.errors import BedError
+
+
+class Buildah:
+    """A folder with images and their layers; not the one of the system.
+
+    Args:
+        folder: Where everything is kept; made when it is missing.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def run(self, *arguments: str) -> str:
+        """Run buildah; returns its standard output.
+
+        Raises:
+            BedError: it failed; the text has the end of what it said.
+        """
+        where = ["--root", str(self._folder / "root"), "--runroot", str(self._folder / "run")]
+        scratch = self._folder / "tmp"
+        scratch.mkdir(exist_ok=True)
+        environment = {**os.environ, "TMPDIR": str(scratch), "BUILDAH_ISOLATION": "chroot"}
+        command = ["buildah", *where, "--storage-driver", "overlay", *arguments]
+        done = subprocess.run(command, check=False, capture_output=True, text=True, env=environment)
+        if done.returncode:
+            said = "\n".join((done.stdout + done.stderr).splitlines()[-30:])
+            raise BedError(f"buildah {arguments[0]} failed:\n{said}")
+        return done.stdout
+
+    def has(self, name: str) -> bool:
+        """Whether there is an image of this name."""
+        return bool(self.run("images", "--quiet", "--filter", f"reference={name}").strip())
+
+    def keep_only(self, name: str, tag: str) -> None:
+        """Remove all images of this name with other tags, and the layers that no image has any more."""
+        listed = self.run("images", "--format", "{{.Name}}:{{.Tag}}", "--filter", f"reference={name}")
+        for other in set(listed.split()) - {f"{name}:{tag}"}:
+            self.run("rmi", "--force", other)  # with the containers that a build which was broken off has left
+
+    def take_in(self, tarball: Path, name: str) -> None:
+        """Make an image of one layer from a tarball of a root file system."""
+        container = self.run("from", "scratch").strip()
+        try:
+            self.run("add", "--quiet", container, str(tarball), "/")
+            self.run("commit", "--quiet", "--timestamp", "0", container, name)
+        finally:
+            self.run("rm", container)
+
+    def build(
+        self, name: str, context: Path, containerfile: str, arguments: Mapping[str, str], secrets: Mapping[str, Path]
+    ) -> None:
+        """Build an image; layers that were built before are taken from the store.
+
+        Args:
+            name: What it is called in the store.
+            context: Folder with all that it is made from.
+            containerfile: Path in the context.
+            arguments: Build arguments; `BASE` is the name of the image that it stands on.
+            secrets: Files that its build may read, by id; they are in no layer.
+        """
+        given = [word for key, path in secrets.items() for word in ("--secret", f"id={key},src={path}")]
+        options = ["--layers", "--pull=never", "--quiet", "--timestamp", "0", "--identity-label=false"]
+        given += [word for key, value in arguments.items() for word in ("--build-arg", f"{key}={value}")]
+        self.run("build", *options, *given, "--file", str(context / containerfile), "--tag", name, str(context))
+
+    def write(self, name: str, reference: str, archive: Path) -> None:
+        """Write an image as an OCI archive for `ctr images import`, with uncompressed layers.
+
+        Args:
+            name: What it is called in the store.
+            reference: The full name that it shall have in a cluster, with its registry.
+            archive: Tar file to write.
+        """
+        folder = self._folder / "pushed"
+        shutil.rmtree(folder, ignore_errors=True)
+        # To a plain folder, as buildah compresses what it writes in the layout of OCI, whatever it is asked.
+        self.run("push", "--quiet", "--disable-compression", "--format", "oci", name, f"dir:{folder}")
+        partial = archive.with_suffix(".partial")
+        _pack(folder, reference, partial)
+        partial.rename(archive)
+        shutil.rmtree(folder)
+
+
+def _pack(folder: Path, reference: str, archive: Path) -> None:
+    """Turn what buildah pushed (a manifest, and blobs named by their digests) into an archive in OCI's layout.
+
+    Source: OCI Image Format Specification, "Image Layout"; the annotation is containerd's.
+    """
+    manifest = (folder / "manifest.json").read_bytes()
+    digest = hashlib.sha256(manifest).hexdigest()
+    (folder / digest).write_bytes(manifest)
+    entry = {
+        "mediaType": "application/vnd.oci.image.manifest.v1+json",
+        "digest": f"sha256:{digest}",
+        "size": len(manifest),
+        "annotations": {"io.containerd.image.name": reference, "org.opencontainers.image.ref.name": reference},
+    }
+    index = {"schemaVersion": 2, "mediaType": "application/vnd.oci.image.index.v1+json", "manifests": [entry]}
+    with tarfile.open(archive, "w") as tar:
+        _add(tar, "oci-layout", b'{"imageLayoutVersion": "1.0.0"}')
+        _add(tar, "index.json", json.dumps(index, sort_keys=True).encode())
+        for blob in sorted(path for path in folder.iterdir() if len(path.name) == len(digest)):
+            with blob.open("rb") as file:
+                tar.addfile(_entry(f"blobs/sha256/{blob.name}", blob.stat().st_size), file)
+
+
+def _add(tar: tarfile.TarFile, name: str, content: bytes) -> None:
+    tar.addfile(_entry(name, len(content)), io.BytesIO(content))
+
+
+def _entry(name: str, size: int) -> tarfile.TarInfo:
+    """The same bytes each time: neither the day nor the user of the build."""
+    entry = tarfile.TarInfo(name)
+    entry.size, entry.mode = size, 0o644
+    return entry

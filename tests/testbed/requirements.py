@@ -1,0 +1,77 @@
+"""What a test needs from this computer: without it the test is skipped, or fails where it must run (`.ci/run`)."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable
+from typing import NoReturn
+
+import pytest
+
+from tests.testbed import packages
+from tests.testbed.binaries import HADOOP, OWN, hadoop_jars, tool
+from tests.testbed.cgroups import hierarchies
+from tests.testbed.errors import BedError, CommandFailed, Missing
+from tests.testbed.processes import run
+
+OTHER_CLUSTER = "set FLEET_TEST_CLUSTER=kubeconfig and KUBECONFIG to run what needs no machines of our own elsewhere"
+
+
+def required() -> bool:
+    """Whether a test that cannot run is a failure."""
+    return os.environ.get("FLEET_TESTBED") == "required"
+
+
+def refuse(reason: str) -> NoReturn:
+    """Skip the test, or fail it where the test bed is required."""
+    if required():
+        pytest.fail(f"FLEET_TESTBED=required, but {reason}")
+    pytest.skip(reason)
+
+
+def need(*things: str) -> None:
+    """Skip or fail the test unless each thing is there, installed or built if that is possible.
+
+    Args:
+        things: "machines" (namespaces, control groups and what runs in machines), "hadoop" (jars and Java), a program
+            that the test bed builds, or any other program on the PATH.
+    """
+    for thing in things:
+        try:
+            CHECKS.get(thing, lambda thing=thing: _program(thing))()
+        except BedError as error:
+            refuse(str(error))
+
+
+def check_machines() -> None:
+    """That this computer can have machines.
+
+    Raises:
+        BedError: it cannot; the message says what to do.
+    """
+    if os.geteuid() != 0:
+        raise Missing(f"machines need root: run as root, or {OTHER_CLUSTER}")
+    packages.ensure(packages.MACHINES)
+    hierarchies()
+    try:
+        run(["unshare", "--fork", "--pid", "--mount", "--uts", "--ipc", "--cgroup", "--net", "--mount-proc", "true"])
+    except CommandFailed as error:
+        raise Missing(
+            f"namespaces cannot be made here ({error}): run outside of a container, or {OTHER_CLUSTER}"
+        ) from error
+
+
+def _hadoop() -> None:
+    packages.ensure(packages.HADOOP)
+    hadoop_jars()
+
+
+def _program(name: str) -> None:
+    if name in OWN:
+        tool(name)
+    elif shutil.which(name, path=f"{os.environ.get('PATH', '')}:{packages.SYSTEM_PATH}") is None:
+        raise Missing(f"{name} is not on the PATH: install it")
+
+
+CHECKS: dict[str, Callable[[], None]] = {"machines": check_machines, HADOOP: _hadoop}

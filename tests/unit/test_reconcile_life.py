@@ -1,0 +1,210 @@
+"""The life of a fleet in a cluster: its steps, what the user may change meanwhile, and rest."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fleet.missions.documents import MissionOrder, WeightsDocument
+from fleet_operator.flow.stored import read_spec
+from fleet_operator.resources.refs import JOB, ObjectRef
+from tests.fleet_runs import FUNCTIONS
+from tests.reconciled import PATHS, REF, Reconciled
+
+A_MISSION = ["Flying", "Retraining", "Weighing"]
+
+
+@pytest.fixture
+def run(tmp_path: Path, quick_disk: None) -> Reconciled:
+    return Reconciled(tmp_path)
+
+
+def jobs(run: Reconciled) -> list[str]:
+    return [name.removeprefix("plots-") for name in run.names("Job")]
+
+
+def order_of(run: Reconciled, number: int) -> MissionOrder:
+    return MissionOrder.model_validate_json(run.storage.read(PATHS.plan(number)))
+
+
+def test_a_fleet_flies_its_missions_and_comes_to_rest(run: Reconciled) -> None:
+    run.ask()
+    assert run.settle() == ["Training", *A_MISSION, *A_MISSION, "Done"]
+    assert run.conditions() == {
+        "Ready": ("True", "Done"),
+        "Reconciling": ("False", "Done"),
+        "Compiled": ("True", "Compiled"),
+        "Shaped": ("True", "Shaped"),
+        "Trained": ("True", "Trained"),
+        "Flying": ("False", "Done"),
+        "GoalsMet": ("True", "GoalsMet"),
+        "Degraded": ("False", "NoTrouble"),
+        "Stalled": ("False", "GoesOn"),
+    }
+    missions = run.cluster.missions(REF)
+    assert [(number, body["status"]["phase"]) for number, body in missions.items()] == [
+        (1, "Succeeded"),
+        (2, "Succeeded"),
+    ]
+    flight = ["aggregator-1", "aggregator-1-2", "aggregator-2", "sensor-agent-1", "sensor-agent-2", "weigh"]
+    flight += ["workflow-agent-1", "workflow-agent-2"]
+    assert jobs(run) == [f"m{number:04d}-{job}" for number in (1, 2) for job in flight]
+    owners = {
+        body["metadata"]["ownerReferences"][0]["uid"]
+        for (kind, _), body in run.cluster.objects.items()
+        if kind != "FleetSpec"
+    }
+    assert owners == {run.body["metadata"]["uid"]}
+
+
+def test_a_fleet_at_rest_costs_nothing_not_even_a_new_operator(run: Reconciled) -> None:
+    run.ask()
+    run.settle()
+    for begin in (lambda: None, run.restart):
+        begin()
+        calls, stored = len(run.cluster.calls), len(run.storage_calls)
+        run.look()
+        assert run.later is None
+        assert (run.cluster.calls[calls:], run.storage_calls[stored:]) == ([], [])
+
+
+def test_jobs_of_missions_before_the_last_two_are_deleted_with_their_services(run: Reconciled) -> None:
+    run.ask(missions={"count": 3})
+    run.settle()
+    assert {name[:5] for name in jobs(run)} == {"m0002", "m0003"}
+    assert {name[:11] for name in run.names("Service")} == {"plots-m0002", "plots-m0003"}
+    assert len(run.names("Mission")) == 3
+
+
+def test_more_missions_are_flown_when_the_user_asks_for_more(run: Reconciled) -> None:
+    run.ask(missions={"count": 1})
+    run.settle()
+    run.ask(missions={"count": 2})
+    assert run.settle() == [*A_MISSION, "Done"]
+    assert run.status["missions"] == "2/2"
+
+
+def test_a_suspended_fleet_ends_its_mission_and_waits(run: Reconciled) -> None:
+    run.ask()
+    run.settle(until="Flying")
+    run.ask(suspend=True)
+    assert run.settle()[-1] == "Suspended"
+    assert (run.status["missions"], run.conditions()["Ready"]) == ("1/2", ("True", "Suspended"))
+    run.restart()
+    run.ask(suspend=False)
+    assert run.settle() == [*A_MISSION, "Done"]
+
+
+def test_a_change_in_flight_takes_effect_at_the_next_mission(run: Reconciled) -> None:
+    run.ask()
+    run.settle(until="Flying")
+    before = run.names("ConfigMap")
+    (run.folder / "library" / "plots" / "own.py").write_text(FUNCTIONS + "\nEXTRA = 1\n")
+    run.ask(goals=[{"metric": "accuracy", "atLeast": 0.9}], missions={"count": 2, "seed": 7})
+    run.restart()
+    run.look()
+    assert run.names("ConfigMap") == before
+    assert run.status["observedGeneration"] == 2
+    run.settle(until="Weighing")
+    assert order_of(run, 1).seed == 0
+    assert run.conditions()["GoalsMet"] == ("True", "GoalsMet")
+    run.settle()
+    assert order_of(run, 2).seed == 7
+    assert run.conditions()["GoalsMet"] == ("False", "GoalsMissed")
+    assert len(run.names("ConfigMap")) == 1
+    assert run.names("ConfigMap") != before
+
+
+def test_a_change_that_is_refused_in_flight_is_said_and_the_mission_goes_on(run: Reconciled) -> None:
+    run.ask()
+    run.settle(until="Flying")
+    run.ask(stateSpace={"context": "nowhere"})
+    run.look()
+    assert run.conditions()["Compiled"] == ("False", "Invalid")
+    assert run.settle()[-1] == "Refused"
+    assert run.storage.exists(PATHS.weights(2))
+    assert not run.storage.exists(PATHS.plan(2))
+    run.ask()
+    assert run.settle()[-1] == "Done"
+
+
+def test_images_and_amounts_change_for_pods_that_could_not_start(run: Reconciled) -> None:
+    run.ask(workflow={"resources": {"requests": {"cpu": "900"}, "limits": {"cpu": "900"}}})
+    run.settle(until="Flying")
+    run.cluster.start_job("plots-m0001-workflow-agent-1")
+    uids = {name: run.cluster.job(name)["metadata"]["uid"] for name in run.names("Job")}
+    run.ask()
+    run.look()
+    run.look()
+    changed = {name for name in run.names("Job") if run.cluster.job(name)["metadata"]["uid"] != uids[name]}
+    assert "plots-m0001-workflow-agent-1" not in changed
+    assert "plots-m0001-workflow-agent-2" in changed
+    main = run.cluster.job("plots-m0001-workflow-agent-2")["spec"]["template"]["spec"]["containers"][0]
+    assert main["resources"]["limits"]["cpu"] == "1"
+
+
+def test_the_next_mission_waits_for_its_time_whoever_runs_the_operator(run: Reconciled) -> None:
+    run.ask(missions={"count": 2, "interval": "1h"})
+    run.settle(until="Waiting")
+    assert run.later == 3600.0
+    started = run.status["nextMission"]
+    run.cluster.clock.sleep(1800.0)
+    run.restart()
+    run.look()
+    assert (run.later, run.status["nextMission"]) == (1800.0, started)
+    run.cluster.clock.sleep(1800.0)
+    assert run.settle() == [*A_MISSION, "Done"]
+
+
+def test_useless_models_are_suspended_and_not_waited_for(run: Reconciled) -> None:
+    run.ask()
+    run.settle(until="Flying")
+    useful: dict[str, float | None] = {"initial": 0.0, "1": 0.75, "2": 0.25, "1-2": 0.0}
+    weights = WeightsDocument(number=1, weights=order_of(run, 1).weights, usefulness=useful)
+    run.storage.write(PATHS.weights(1), weights.model_dump_json(by_alias=True).encode())
+    run.restart()
+    run.settle(until="Weighing")
+    suspended = {name: run.cluster.job(name)["spec"]["suspend"] for name in run.names("Job") if "aggregator" in name}
+    assert suspended == {
+        "plots-m0001-aggregator-1": False,
+        "plots-m0001-aggregator-1-2": True,
+        "plots-m0001-aggregator-2": False,
+    }
+    levels = {name: run.cluster.job(name)["metadata"]["labels"]["fleetcomputer.io/level"] for name in suspended}
+    assert list(levels.values()) == ["8", "0", "3"]
+
+
+def test_a_job_that_somebody_deletes_is_made_again(run: Reconciled) -> None:
+    run.ask()
+    run.settle(until="Flying")
+    before = run.names("Job")
+    run.cluster.remove(JOB, ObjectRef("default", "plots-m0001-workflow-agent-2"))
+    run.look()
+    assert run.names("Job") == before
+
+
+def test_the_fleetspec_in_storage_is_the_one_that_is_flown(run: Reconciled) -> None:
+    run.ask()
+    run.settle(until="Training")
+    stored = read_spec(run.storage, PATHS)
+    assert stored is not None
+    assert stored.metadata.uid == run.body["metadata"]["uid"]
+    assert set(json.loads(run.storage.read(PATHS.functions))["files"]) == {"own.py"}
+    assert run.status["storageUri"] == f"{run.storage.uri}/{PATHS.root}"
+
+
+def test_the_users_own_aggregation_is_asked_by_the_trainer_and_never_by_the_operator(run: Reconciled) -> None:
+    own: dict[str, Any] = {"kind": "Custom", "function": "own:pairs"}
+    run.ask()
+    (run.folder / "library" / "plots" / "own.py").write_text(
+        FUNCTIONS + "\n\ndef pairs(agents):\n    raise SystemExit\n"
+    )
+    run.ask(aggregation=own)
+    run.settle(until="Training")
+    answer = {"function": "own:pairs", "subsets": {"1-2": ["agent-1", "agent-2"]}}
+    run.storage.write(PATHS.subsets, json.dumps(answer).encode())
+    run.settle()
+    assert [name for name in jobs(run) if "aggregator" in name] == ["m0001-aggregator-1-2", "m0002-aggregator-1-2"]
