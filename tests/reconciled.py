@@ -98,11 +98,11 @@ class Reconciled:
         """The storage, not watched."""
         return LocalStorage(self.folder / "storage")
 
-    def restart(self) -> None:
+    def restart(self, namespaces: tuple[str, ...] = ()) -> None:
         """A new operator, which remembers nothing."""
         settings = Settings(storage_uri=self.storage.uri)
         self.reconciler = FleetReconciler(
-            self.cluster, settings, self.folder / "library", self.cluster.clock, self._opened
+            self.cluster, settings, self.folder / "library", namespaces, self.cluster.clock, self._opened
         )
 
     def ask(self, **changes: Any) -> None:

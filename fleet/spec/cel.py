@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from fleet.spec.base import POWERSET_LIMIT
+from fleet.spec.platform import STORAGE_ADDRESS, STORAGE_EXAMPLES
 from fleet.spec.swarm import CAPABILITIES, Capability
 
 
@@ -136,8 +137,8 @@ RULES: Mapping[str, tuple[CelRule, ...]] = {
     ),
     "StorageSpec": (
         CelRule(
-            "!has(self.uri) || self.uri.matches('^[a-z][a-z0-9+.-]*:')",
-            "uri must begin with a scheme, as in file:///var/fleet",
+            f"!has(self.uri) || self.uri.matches('{STORAGE_ADDRESS}')",
+            f"uri must be an address of a storage, as {STORAGE_EXAMPLES}",
         ),
         CelRule(
             "has(self.uri) == has(oldSelf.uri) && (!has(self.uri) || self.uri == oldSelf.uri)",

@@ -78,10 +78,19 @@ class DeletionPolicy(StrEnum):
     DELETE = "Delete"
 
 
+STORAGE_ADDRESS = "^(file://(localhost)?/|webhdfs://[^/]+/)[^/]"
+"""What the address of a storage begins with, for Python and for CEL; `fleet.storage` says the rest."""
+STORAGE_EXAMPLES = "webhdfs://fleet@namenode:9870/fleet or file:///var/fleet"
+
+
 class StorageSpec(Model):
     """Where observations, models and evaluations are kept."""
 
-    uri: Uri | None = Field(default=None, description="Address of the storage; the platform's own when left out.")
+    uri: Uri | None = Field(
+        default=None,
+        description="Address of the storage, as `webhdfs://fleet@namenode:9870/fleet` (HDFS) or `file:///var/fleet` (a "
+        "folder); the platform's own when left out.",
+    )
     replication: int = Field(default=2, description="Copies of each object, where the storage replicates.", ge=1, le=10)
     on_delete: DeletionPolicy = Field(
         default=DeletionPolicy.RETAIN, description="What happens to the data when the FleetSpec is deleted."

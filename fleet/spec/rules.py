@@ -5,12 +5,14 @@ The CRD has those of them that Kubernetes can check (`cel`); here they say where
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
+from urllib.parse import urlsplit
 
 from fleet.spec.base import POWERSET_LIMIT, Amounts, Resources, duration_s, quantity_value
 from fleet.spec.findings import Finding, did_you_mean, listed
 from fleet.spec.functions import ContextUse, FunctionSpec
-from fleet.spec.platform import AggregationKind
+from fleet.spec.platform import STORAGE_ADDRESS, STORAGE_EXAMPLES, AggregationKind
 from fleet.spec.resources import EdgeNode, Fleet, FleetSpec, Mission
 from fleet.spec.swarm import CAPABILITIES, Goal
 from fleet.spec.yaml_text import Path
@@ -155,10 +157,17 @@ def _weights(fleet: Fleet) -> Iterator[Finding]:
 
 def _storage(fleet: Fleet) -> Iterator[Finding]:
     uri, here = fleet.storage.uri, (*SPEC, "storage", "uri")
-    scheme, colon, _ = (uri or "").partition(":")
-    if uri is not None and not (colon and scheme.isascii() and scheme[:1].isalpha() and scheme == scheme.lower()):
-        hint = f"write `file://{uri}`" if uri.startswith("/") else "write an address such as file:///var/fleet"
+    if uri is None or re.search(STORAGE_ADDRESS, uri):
+        return
+    parts = urlsplit(uri)
+    if not parts.scheme:
+        hint = f"write `file://{uri}`" if uri.startswith("/") else f"write {STORAGE_EXAMPLES}"
         yield Finding(here, f'"{uri}" does not say which kind of storage it is', hint)
+    elif parts.scheme in {"hdfs", "swebhdfs"}:
+        hint = f"write `webhdfs://{parts.hostname or 'namenode'}:9870{parts.path or '/fleet'}`: HDFS over HTTP"
+        yield Finding(here, f"{parts.scheme}:// is not spoken here", hint)
+    else:
+        yield Finding(here, f'"{uri}" is no address of a storage', f"write {STORAGE_EXAMPLES}")
 
 
 def _mission_plan(fleet: Fleet) -> Iterator[Finding]:

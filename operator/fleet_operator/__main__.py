@@ -77,7 +77,7 @@ def run(build: Callable[[Config, Cluster], Reconciler]) -> int:
 
 def fleet_reconciler(config: Config, cluster: Cluster) -> Reconciler:
     """What the operator does for fleets."""
-    return FleetReconciler(cluster, config.settings, config.library)
+    return FleetReconciler(cluster, config.settings, config.library, config.watch_namespaces)
 
 
 if __name__ == "__main__":

@@ -39,6 +39,7 @@ def given(**spec: Any) -> Document:
 
 
 WEIGHTED = {"rewardShaping": {"weights": {"exg": 1}}, "ha": {"utilityThreshold": 1, "visitedThreshold": 3}}
+ADDRESS = "uri must be an address of a storage, as webhdfs://fleet@namenode:9870/fleet or file:///var/fleet"
 ONE_CONTEXT = [{"name": "september", "uri": "here", "use": ["Mission"]}]
 AGENT_RULE = "give either count or members, and not both"
 SHAPING_RULE = (
@@ -106,7 +107,10 @@ CPU_RULE = "cpu is in cores, and no machine has more than 1000: write 500m or 2"
         (given(workflow={"resources": {"limits": {"cpu": "256Mi"}}}), [CPU_RULE]),
         (given(scheduling={"cpu": "4Gi", "memory": "4"}), [MEMORY_RULE, CPU_RULE]),
         (given(storage={"uri": "file:///var/fleet"}), []),
-        (given(storage={"uri": "/var/fleet"}), ["uri must begin with a scheme, as in file:///var/fleet"]),
+        (given(storage={"uri": "webhdfs://fleet@namenode:9870/fleet?replication=3"}), []),
+        (given(storage={"uri": "/var/fleet"}), [ADDRESS]),
+        (given(storage={"uri": "hdfs://namenode:8020/fleet"}), [ADDRESS]),
+        (given(storage={"uri": "webhdfs://namenode:9870/"}), [ADDRESS]),
         (given(missions={"schedule": "0 6 * * mon-fri"}), []),
         (given(missions={"schedule": "0 6 * * *", "interval": "0s"}), []),
         (

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from tests.crash.picture import differences
 from tests.crash.trial import Kill, Plan, Result, run_trial
 from tests.crash.world import World
+from tests.testbed.errors import BedError
 from tests.testbed.faults import Moment
 
 
@@ -19,10 +20,12 @@ class Allowed:
 
     Args:
         events: Reasons of events that may be there beside those of the undisturbed run.
+        lost_events: An event may be missing: the operator does not try for ever to post one.
         started_again: Jobs that may have more pods.
     """
 
     events: frozenset[str] = frozenset()
+    lost_events: bool = False
     started_again: frozenset[str] = frozenset()
 
 
@@ -50,7 +53,7 @@ def problems(expected: Result, found: Result, allowed: Allowed = NOTHING) -> lis
     """In words, what a run did not do as the undisturbed one."""
     lines: list[str] = []
     if expected.picture is not None and found.picture is not None:
-        lines += differences(expected.picture, found.picture, allowed.events)
+        lines += differences(expected.picture, found.picture, allowed.events, lost_events=allowed.lost_events)
     for job in sorted({*expected.starts, *found.starts} if found.picture is not None else ()):
         before, after = expected.starts.get(job, 0), found.starts.get(job, 0)
         if before != after and not (job in allowed.started_again and after > before):
@@ -73,7 +76,7 @@ def check(world: World, expected: Result, plan: Plan, allowed: Allowed = NOTHING
     """Run a plan; in words, what went wrong."""
     try:
         found = run_trial(world, plan)
-    except AssertionError as error:
+    except (AssertionError, BedError) as error:
         return [str(error)]
     lines = problems(expected, found, allowed)
     # A run may have a write fewer than the undisturbed one; then there was nothing to kill at.

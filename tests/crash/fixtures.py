@@ -15,7 +15,7 @@ from tests.testbed.requirements import need
 def crash_world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
     """Control plane, HDFS of three DataNodes and stand-in kubelets; shared by all tests of the group `crash`."""
     need("openssl", "setpriv", "java", "etcd", "kube-apiserver", "kube-controller-manager", "kubectl")
-    with world(tmp_path_factory.mktemp("crash"), slots=cores(), datanodes=3) as place:
+    with world(tmp_path_factory.mktemp("crash"), slots=cores()) as place:
         yield place
 
 

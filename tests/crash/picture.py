@@ -58,16 +58,20 @@ def take_picture(cluster: Cluster, storage: Storage, namespace: str) -> Picture:
     return Picture(objects, content, _events(cluster.list("Event", namespace), namespace))
 
 
-def differences(expected: Picture, found: Picture, may_tell: Collection[str] = ()) -> list[str]:
+def differences(
+    expected: Picture, found: Picture, may_tell: Collection[str] = (), *, lost_events: bool = False
+) -> list[str]:
     """In words, where two runs differ.
 
     Args:
-        may_tell: Reasons of events that only one of them may have.
+        may_tell: Reasons of events that only the second may have.
+        lost_events: The second may lack events.
     """
+    missing = set() if lost_events else expected.events - found.events
     return [
         *_differ("objects", expected.objects, found.objects),
         *_differ("storage", expected.storage, found.storage),
-        *(f"event is missing: {each}" for each in sorted(expected.events - found.events) if each[1] not in _PASSING),
+        *(f"event is missing: {each}" for each in sorted(missing) if each[1] not in _PASSING),
         *(f"event is new: {each}" for each in sorted(found.events - expected.events) if each[1] not in may_tell),
     ]
 

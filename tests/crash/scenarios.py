@@ -15,7 +15,6 @@ from tests.crash.trial import Trial
 from tests.testbed.faults import WRITES, Fault, Moment
 
 AGENT = "agent-1"
-_STORAGE_TOLD = frozenset({"StorageUnavailable"})
 _LONG_S = 600.0
 _SOME_WRITES = "|".join(sorted(WRITES))
 
@@ -183,6 +182,11 @@ def _is_leaving(trial: Trial, path: str) -> bool:
     return pod is None or "deletionTimestamp" in pod["metadata"]
 
 
+def _told(reason: str) -> Allowed:
+    """A trouble is told, and its end."""
+    return Allowed(frozenset({reason, "Recovered"}))
+
+
 @dataclass(frozen=True)
 class Scenario:
     """A fault, and what it may change in the results.
@@ -201,21 +205,24 @@ class Scenario:
 
 
 _WORKFLOW = names.mission_job(Role.WORKFLOW, FLEET, 1, AGENT)
+_TRIED_LESS = Allowed(lost_events=True)
 SCENARIOS = (
-    Scenario(conflicts),
-    Scenario(throttled),
-    Scenario(server_errors),
-    Scenario(slow_and_cut),
-    Scenario(storage_errors, Allowed(_STORAGE_TOLD)),
+    Scenario(conflicts, _TRIED_LESS),
+    Scenario(throttled, _TRIED_LESS),
+    Scenario(server_errors, _TRIED_LESS),
+    Scenario(slow_and_cut, _TRIED_LESS),
+    Scenario(storage_errors, _told("StorageUnavailable")),
     Scenario(watches_cut),
-    Scenario(api_away),
+    Scenario(api_away, _TRIED_LESS),
     Scenario(stopped_and_started),
     Scenario(leader_killed),
     Scenario(evicted, Allowed(started_again=frozenset({_WORKFLOW}))),
-    Scenario(image_missing, Allowed(frozenset({"ImageMissing"}))),
-    Scenario(quota_exceeded, Allowed(frozenset({"QuotaExceeded"}))),
+    Scenario(image_missing, _told("ImageMissing")),
+    Scenario(quota_exceeded, _told("QuotaExceeded")),
     Scenario(deleted_in_flight),
     Scenario(deleted_without_operator),
-    Scenario(node_lost, Allowed(frozenset({"NodeLost"}), frozenset({_WORKFLOW})), alone=True),
-    Scenario(everything_restarts, Allowed(_STORAGE_TOLD), alone=True),
+    Scenario(
+        node_lost, Allowed(frozenset({"NodeLost", "Recovered"}), started_again=frozenset({_WORKFLOW})), alone=True
+    ),
+    Scenario(everything_restarts, _told("StorageUnavailable"), alone=True),
 )

@@ -81,7 +81,7 @@ class World:
 
 
 @contextmanager
-def world(folder: Path, slots: int, datanodes: int = 2) -> Iterator[World]:
+def world(folder: Path, slots: int, datanodes: int = 3) -> Iterator[World]:
     """Start everything; half a minute of one core."""
     with ExitStack() as stack:
         plane = stack.enter_context(control_plane(folder / "control-plane", flags=FLAGS))

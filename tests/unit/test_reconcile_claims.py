@@ -64,6 +64,14 @@ def test_a_sweep_touches_no_fleet_that_is_there(run: Reconciled) -> None:
     assert (stored(run), claims(run)) == (True, [uid])
 
 
+def test_fleets_of_another_operators_namespaces_are_none_of_its_business(run: Reconciled) -> None:
+    run.ask(**DELETE)
+    run.settle(until="Flying")
+    run.restart(namespaces=("elsewhere",))
+    asyncio.run(run.reconciler.sweep({}))
+    assert stored(run)
+
+
 def test_a_policy_that_changes_at_rest_counts(run: Reconciled) -> None:
     run.ask()
     run.settle()

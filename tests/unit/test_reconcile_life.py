@@ -208,3 +208,43 @@ def test_the_users_own_aggregation_is_asked_by_the_trainer_and_never_by_the_oper
     run.storage.write(PATHS.subsets, json.dumps(answer).encode())
     run.settle()
     assert [name for name in jobs(run) if "aggregator" in name] == ["m0001-aggregator-1-2", "m0002-aggregator-1-2"]
+
+
+def test_a_pass_in_flight_looks_where_something_may_come_and_nowhere_else(run: Reconciled) -> None:
+    run.ask()
+    run.settle(until="Flying")
+    run.storage.append(PATHS.log(1, "agent-1"), b"{}\n")
+    calls, stored = len(run.cluster.calls), len(run.storage_calls)
+    run.look()
+    log = PATHS.log(1, "agent-1")
+    assert run.storage_calls[stored:] == [f"list {PATHS.mission(2)}", f"list {PATHS.mission(1)}", f"read {log}"]
+    run.look()
+    assert run.storage_calls[stored + 3 :] == [f"list {PATHS.mission(2)}", f"list {PATHS.mission(1)}"]
+    assert run.cluster.calls[calls:] == []
+
+
+def test_a_trainer_that_has_not_started_takes_what_is_asked_for_now(run: Reconciled) -> None:
+    run.ask()
+    run.settle(until="Training")
+    uid = run.cluster.job("plots-train")["metadata"]["uid"]
+    run.ask(training={"epochs": 2})
+    run.look()
+    run.look()
+    stored = read_spec(run.storage, PATHS)
+    assert stored is not None
+    assert stored.spec.training.epochs == 2
+    assert run.cluster.job("plots-train")["metadata"]["uid"] != uid
+
+
+def test_a_trainer_at_work_is_not_disturbed(run: Reconciled) -> None:
+    run.ask()
+    run.settle(until="Training")
+    uid = run.cluster.job("plots-train")["metadata"]["uid"]
+    run.cluster.start_job("plots-train")
+    run.ask(training={"epochs": 2})
+    run.look()
+    stored = read_spec(run.storage, PATHS)
+    assert stored is not None
+    assert stored.spec.training.epochs != 2
+    assert run.cluster.job("plots-train")["metadata"]["uid"] == uid
+    assert run.settle()[-1] == "Done"

@@ -6,11 +6,12 @@ It is asked only for Jobs that are not ready for a while, so a fleet without tro
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from fleet_operator.cluster.port import Cluster
 from fleet_operator.policy.status import Trouble
 from fleet_operator.reconcile.decide import Decided
+from fleet_operator.reconcile.note import Note
 from fleet_operator.resources.refs import JOB, POD
 from fleet_operator.resources.roles import Role
 from fleet_operator.resources.views import JobState, JobView, NodeView, PodView
@@ -18,8 +19,10 @@ from fleet_operator.resources.views import JobState, JobView, NodeView, PodView
 PATIENCE_S = 10.0
 """How long a pod may take to start before somebody looks why."""
 _MOST_COMPLAINTS = 3
+_MOST_TROUBLES = 3
 _IMAGE = {"ErrImagePull", "ImagePullBackOff", "ErrImageNeverPull", "InvalidImageName", "ImageInspectError"}
 _CONFIG = {"CreateContainerConfigError", "CreateContainerError"}
+_WORDY = {"ImageMissing", "ConfigMissing"}
 _FAILING = {"CrashLoopBackOff", "RunContainerError"}
 
 
@@ -37,8 +40,11 @@ class Diagnosis:
     lost: tuple[JobView, ...] = ()
 
 
-async def diagnose(cluster: Cluster, decided: Decided, now_s: float) -> Diagnosis:
+async def diagnose(cluster: Cluster, decided: Decided, note: Note, now_s: float) -> Diagnosis:
     """Look what is not as it should be with a fleet.
+
+    Args:
+        note: Keeps what was said of a trouble: kubelets say it in other words at every look.
 
     Raises:
         ClusterError: the API server refuses.
@@ -49,12 +55,15 @@ async def diagnose(cluster: Cluster, decided: Decided, now_s: float) -> Diagnosi
         if job.state is JobState.PENDING and not job.deleting and now_s - job.created_s > PATIENCE_S
     ]
     if not waiting or decided.step is None:
+        note.told = {}
         return Diagnosis(tuple(_of_failed(decided)))
     by_job: dict[str, list[PodView]] = {}
     for pod in await cluster.pods(decided.observed.seen.ref):
         by_job.setdefault(pod.job, []).append(pod)
     lost = tuple(job for job in waiting if _is_lost(by_job.get(job.ref.name, []), decided.observed.seen.nodes))
     found = await _of_waiting(cluster, decided, [job for job in waiting if job not in lost], by_job)
+    note.told = {each.reason: note.told.get(each.reason, each.message) for each in found if each.reason in _WORDY}
+    found = [replace(each, message=note.told.get(each.reason, each.message)) for each in found]
     gone = sorted({pod.node for job in lost for pod in _live(by_job[job.ref.name])})
     if gone:
         found.insert(0, Trouble("NodeLost", f"{', '.join(gone)} is gone; its pods are started on other machines"))
@@ -95,6 +104,8 @@ async def _of_waiting(
     found: dict[str, Trouble] = {}
     podless = [job for job in waiting if not _live(by_job.get(job.ref.name, []))]
     for job in waiting:
+        if len(found) == _MOST_TROUBLES:
+            break
         for pod in by_job.get(job.ref.name, []):
             trouble = await _of_pod(cluster, job, pod)
             if trouble is not None and not _is_queueing(trouble, job, decided):
@@ -113,17 +124,17 @@ def _live(pods: Sequence[PodView]) -> list[PodView]:
 
 
 async def _of_pod(cluster: Cluster, job: JobView, pod: PodView) -> Trouble | None:
-    about = f"pod {pod.ref.name}"
-    said = f": {pod.message}" if pod.message else ""
+    """What is wrong with a pod; pods come and go under other names, so it is told of their Job."""
+    about, said = f"the pod of Job {job.ref.name}", f": {pod.message}" if pod.message else ""
     if pod.waiting in _IMAGE:
-        return Trouble("ImageMissing", f"{about} cannot get its image ({pod.waiting}{said})")
+        return Trouble("ImageMissing", f"{about} cannot get an image ({pod.waiting}{said})")
     if pod.waiting in _CONFIG:
         return Trouble("ConfigMissing", f"{about} cannot be set up ({pod.waiting}{said})")
     if pod.waiting in _FAILING or pod.phase == "Failed" or pod.restarts:
-        return Trouble("PodFailing", f"{about} of Job {job.ref.name} fails again and again{said or ': see its log'}")
+        return Trouble("PodFailing", f"{about} fails and is started again{said or '; see its log'}")
     if pod.waiting:
         return Trouble("Unschedulable", f"{about} finds no node{said}")
-    if pod.phase == "Pending" and pod.node:  # nothing is said of a volume that cannot be mounted but by an event
+    if pod.phase == "Pending" and pod.node:  # that a volume cannot be mounted is told by an event only
         for reason, message in await cluster.complaints(pod.ref, POD.kind):
             if reason in ("FailedMount", "FailedAttachVolume"):
                 return Trouble("ConfigMissing", f"{about} cannot be set up ({reason}: {message})")

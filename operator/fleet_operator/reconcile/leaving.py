@@ -41,7 +41,10 @@ async def sweep(means: Means, alive: Mapping[ObjectRef, str]) -> None:
         StorageError, ClusterError: to be tried again.
     """
     owners = {(ref.namespace, ref.name): uid for ref, uid in alive.items()}
-    for claim in abandoned(await asyncio.to_thread(all_claims, means.platform), owners):
+    claims = await asyncio.to_thread(all_claims, means.platform)
+    for claim in abandoned(claims, owners):
+        if means.namespaces and claim.namespace not in means.namespaces:
+            continue  # another operator's, which shares the storage
         await _settle(means, ObjectRef(claim.namespace, claim.fleet), claim)
 
 

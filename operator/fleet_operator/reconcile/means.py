@@ -23,6 +23,7 @@ class Means:
         cluster: The Kubernetes cluster.
         settings: What the installation decides.
         library: Folder with the files of fleets that bring none.
+        namespaces: Where fleets are this operator's; none means everywhere.
         clock: Tells the time.
         opened: Opens a storage by its address.
     """
@@ -30,6 +31,7 @@ class Means:
     cluster: Cluster
     settings: Settings = field(default_factory=Settings)
     library: Path = Path("/fleet/library")
+    namespaces: frozenset[str] = frozenset()
     clock: Clock = field(default_factory=SystemClock)
     opened: Callable[[str], Storage] = open_storage
     _storages: dict[str, Storage] = field(default_factory=dict, init=False, repr=False)

@@ -32,6 +32,7 @@ class Note:
         documents: Documents of missions by path: they never change.
         steps: Size and records of logs, by path.
         situation: That of the last pass.
+        told: What was said of a trouble when it was first seen, by its reason.
         resized: The mission, and its aggregators that were over when the others were last given their share.
     """
 
@@ -47,6 +48,7 @@ class Note:
     documents: dict[str, Model] = field(default_factory=dict)
     steps: dict[str, tuple[int, int]] = field(default_factory=dict)
     situation: Situation | None = None
+    told: dict[str, str] = field(default_factory=dict)
     resized: tuple[int, frozenset[str]] = (0, frozenset())
 
     def rest(self, seen: str) -> None:

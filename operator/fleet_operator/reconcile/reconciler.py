@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 from fleet.clock import Clock, SystemClock
-from fleet.errors import StorageError, StorageFull, StorageReadOnly
+from fleet.errors import SpecError, StorageError, StorageFull, StorageReadOnly
 from fleet.storage.open import open_storage
 from fleet.storage.port import Storage
 from fleet_operator.cluster.errors import ClusterError, Forbidden, Invalid
@@ -56,7 +56,12 @@ _MOST_STEPS = 6
 """Steps that one pass takes when each is done at once."""
 _OTHER_OWNER = "Only one reference can have Controller set to true"
 """The API server's words when an object of an earlier FleetSpec is still there, which the watches do not see."""
-_STORAGE_REASONS: dict[type[StorageError], str] = {StorageFull: "StorageFull", StorageReadOnly: "StorageReadOnly"}
+_REASONS = (
+    (StorageFull, "StorageFull"),
+    (StorageReadOnly, "StorageReadOnly"),
+    (StorageError, "StorageUnavailable"),
+    (SpecError, "Invalid"),
+)
 
 
 class FleetReconciler:
@@ -66,6 +71,7 @@ class FleetReconciler:
         cluster: The Kubernetes cluster.
         settings: What the installation decides.
         library: Folder with the files of fleets that bring none.
+        namespaces: Where fleets are this operator's; none means everywhere.
         clock: Tells the time.
         opened: Opens a storage by its address.
     """
@@ -75,10 +81,11 @@ class FleetReconciler:
         cluster: Cluster,
         settings: Settings,
         library: Path = Path("/fleet/library"),
+        namespaces: Collection[str] = (),
         clock: Clock | None = None,
         opened: Callable[[str], Storage] = open_storage,
     ) -> None:
-        self._means = Means(cluster, settings, library, clock or SystemClock(), opened)
+        self._means = Means(cluster, settings, library, frozenset(namespaces), clock or SystemClock(), opened)
         self._cluster = cluster
         self._notes: dict[ObjectRef, Note] = {}
 
@@ -102,7 +109,7 @@ class FleetReconciler:
             return await self._pass(seen, note)
         except FleetGone:
             return None
-        except StorageError as error:
+        except (StorageError, SpecError) as error:
             return await self._without_storage(seen, note, error)
         except (Forbidden, Invalid) as error:
             if _OTHER_OWNER in str(error):
@@ -177,7 +184,7 @@ class FleetReconciler:
         applied = await apply(self._cluster, desire(decided, placed))
         if isinstance(step, Retrain):
             await resize_running(self._cluster, decided, step.number, note)
-        diagnosis = await diagnose(self._cluster, decided, self._means.clock.now())
+        diagnosis = await diagnose(self._cluster, decided, note, self._means.clock.now())
         for job in diagnosis.lost:
             await self._cluster.delete(JOB, job.ref, job.uid)
         await self._tell(decided, note, diagnosis.troubles)
@@ -231,11 +238,9 @@ class FleetReconciler:
         await tell_fleet(self._cluster, seen, self._blank(seen, None))
         return _SOON_S
 
-    async def _without_storage(self, seen: Seen, note: Note, error: StorageError) -> float:
+    async def _without_storage(self, seen: Seen, note: Note, error: StorageError | SpecError) -> float:
         """Say it, keep all else as it was, and try again."""
-        reason = next(
-            (word for kind, word in _STORAGE_REASONS.items() if isinstance(error, kind)), "StorageUnavailable"
-        )
+        reason = next(word for kind, word in _REASONS if isinstance(error, kind))
         await self._tell_trouble(seen, note, Trouble(reason, str(error)))
         return _STORAGE_RETRY_S
 

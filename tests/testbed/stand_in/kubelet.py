@@ -142,6 +142,8 @@ class Kubelet:
             entry.running.stop(0)
             entry.running.step()
         if entry.has_ended and not entry.preparing:
+            if entry.running is not None and not entry.view.over:
+                self._note(entry, "ended", code=137)
             self._give_back(entry)
             del self._entries[entry.uid]
             self._changed = True
