@@ -40,15 +40,23 @@ async def until(look: Callable[[], T]) -> T:
 
 @contextlib.asynccontextmanager
 async def connected(
-    kubeconfig: Path, namespace: str, count: Callable[[str, int], None] = lambda verb, status: None
+    kubeconfig: Path,
+    namespace: str,
+    count: Callable[[str, int], None] = lambda verb, status: None,
+    kopf: bool = False,
 ) -> AsyncIterator[Connection]:
-    """A connection whose memory follows a namespace."""
+    """A connection whose memory follows a namespace; without kopf, changes of fleets are seen by lists only.
+
+    kopf takes seconds to stop when it has not heard of anything yet.
+    """
     credentials = Credentials({"KUBECONFIG": str(kubeconfig)})
     handlers.quiet()
     connection = connect(credentials, ObjectRef(namespace, "lease"), (namespace,), count)
     async with connection.transport:
-        kopf = handlers.KopfWatches(credentials, connection.watches, (namespace,))
-        tasks = [asyncio.create_task(each) for each in (connection.watches.run(), kopf.run())]
+        tasks = [asyncio.create_task(connection.watches.run())]
+        if kopf:
+            watches = handlers.KopfWatches(credentials, connection.watches, (namespace,))
+            tasks.append(asyncio.create_task(watches.run()))
         try:
             async with asyncio.timeout(PATIENCE_S):
                 await connection.watches.synced()

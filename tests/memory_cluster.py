@@ -139,7 +139,7 @@ class MemoryCluster:
         key = (kind_of(manifest).kind, ObjectRef.of(manifest))
         there = self.objects.get(key)
         self._number += 1
-        body = json.loads(json.dumps(manifest))
+        body: Manifest = json.loads(json.dumps(manifest))
         if there is None:
             made = datetime.fromtimestamp(self.clock.now(), UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
             body["metadata"] |= {"uid": f"uid-{self._number}", "generation": 1, "creationTimestamp": made}

@@ -21,6 +21,7 @@ _AVOID_S = 60.0
 _ATTEMPTS = 5
 """How often a write starts anew because another process deletes its folder."""
 _LONGEST_NAME = 200
+_MAY_PASS = {Fate.PASSING, Fate.LEASED, Fate.UNCLOSED}
 T = TypeVar("T")
 
 
@@ -36,8 +37,22 @@ class HdfsFiles:
         self._silent: dict[str, float] = {}
 
     def read(self, path: str) -> bytes:
-        """A whole file."""
-        return self.patiently(lambda avoid: self.door.read(path, avoid))
+        """A whole file.
+
+        One that its writer left open by dying can be unreadable. HDFS closes it when another wants to write, after the
+        minute that each writer is given; by itself only after 20 minutes.
+        """
+
+        def attempt(avoid: set[str]) -> bytes:
+            try:
+                return self.door.read(path, avoid)
+            except Refused as refused:
+                if refused.fate is Fate.UNCLOSED:
+                    with contextlib.suppress(Refused):
+                        self.door.append(path, b"", "", avoid)
+                raise
+
+        return self.patiently(attempt)
 
     def status(self, path: str) -> FileStatus:
         """What a path is."""
@@ -101,7 +116,7 @@ class HdfsFiles:
                     space = space or Patience(min(SPACE_S, self._patience_s))
                     goes_on = space.wait()
                 else:
-                    goes_on = refused.fate in {Fate.PASSING, Fate.LEASED} and patience.wait(refused.wait_s)
+                    goes_on = refused.fate in _MAY_PASS and patience.wait(refused.wait_s)
                 if not goes_on:
                     raise
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import os
 import queue
+import re
 import socket
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
@@ -30,6 +31,7 @@ CONNECTIONS = 8
 """How many calls one process has under way; further ones wait."""
 CONNECT_S, ANSWER_S = 3.0, 15.0
 MOST_WAIT_S = 60.0
+_POOL = re.compile(r"\w+\(host=.*?\): ")
 T = TypeVar("T")
 logging.getLogger("hdfs.client").setLevel(logging.CRITICAL)  # what it meets is told by our errors, once
 
@@ -267,5 +269,4 @@ def _plain(error: requests.RequestException) -> str:
     cause: object = error
     while isinstance(cause, Exception) and cause.args and isinstance(cause.args[-1], Exception):
         cause = cause.args[-1]
-    reason = getattr(cause, "reason", None) or cause
-    return f"{type(error).__name__}: {reason}"
+    return _POOL.sub("", str(getattr(cause, "reason", None) or cause))

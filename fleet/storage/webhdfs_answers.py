@@ -27,6 +27,8 @@ class Fate(StrEnum):
     """The server does not believe who we are."""
     LEASED = auto()
     """Somebody is writing the file, or the server takes it for so."""
+    UNCLOSED = auto()
+    """The writer of the file is gone, and so are the machines that know its length."""
     COPIES = auto()
     """The server does not keep as many copies as are asked for."""
     UNSUPPORTED = auto()
@@ -81,7 +83,7 @@ _WORDS = (
     ("less than the required minimum", Fate.COPIES),
     ("not allowed to impersonate", Fate.STRANGER),
     ("Unauthorized connection for super-user", Fate.STRANGER),
-    ("is still being written", Fate.LEASED),
+    ("Cannot obtain block length", Fate.UNCLOSED),
 )
 
 
@@ -145,7 +147,7 @@ class Act:
                 )
             case Fate.UNSUPPORTED:
                 advice = "WebHDFS of Hadoop 3.3 or later is needed"
-            case Fate.LEASED | Fate.PASSING:
+            case Fate.LEASED | Fate.UNCLOSED | Fate.PASSING:
                 whom = f"DataNode {refused.node}" if refused.node else f"NameNode {', '.join(self.address.hosts)}"
                 kind, advice = StorageUnavailable, f"tried for {patience_s:g} s: check the {whom}, then try again"
         return kind(f"cannot {self.verb} {self.path} in {self.address}: {said}; {advice}")

@@ -21,7 +21,8 @@ from fleet_operator.resources.refs import FLEET_SPEC, MISSION, Kind
 log = logging.getLogger(__name__)
 
 PAUSES_S = (0.2, 0.5, 1.0, 2.0, 5.0)
-STOP_S = 5.0
+STOP_S = 2.0
+"""How long the end waits for kopf, which takes longer only when it has not begun to watch yet."""
 Event: TypeAlias = Any  # kopf's RawEvent is not public
 
 
@@ -107,13 +108,16 @@ class KopfWatches:
             namespaces=self._namespaces,
             stop_flag=self._stop,
         )
+        await asyncio.sleep(0)  # connections with TLS are closed in the loop's next round
 
 
 def quiet() -> None:
-    """Have kopf say only what means something here: it calls each try a failure, and misses the signals."""
-    logging.getLogger("kopf").setLevel(logging.WARNING)
-    for name in ("kopf._cogs.clients.api", "kopf._core.reactor.running", "kopf.activities"):
-        logging.getLogger(name).setLevel(logging.CRITICAL)
+    """Have kopf say only when a handler fails.
+
+    It calls each try a failure, and misses the signals. What is wrong with the API server, the watches' own lists say.
+    """
+    logging.getLogger("kopf").setLevel(logging.CRITICAL)
+    logging.getLogger("kopf.objects").setLevel(logging.ERROR)
 
 
 class Patience:

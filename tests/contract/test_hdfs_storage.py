@@ -10,13 +10,14 @@ from typing import Any
 from uuid import uuid4
 
 import pytest
+import requests
 
 from fleet.errors import StorageError, StorageReadOnly, StorageUnavailable
 from fleet.storage import hdfs
 from fleet.storage.hdfs import HdfsStorage
 from fleet.storage.hdfs_files import HdfsFiles
 from fleet.storage.port import Entry, Located
-from fleet.storage.webhdfs import WebHdfs
+from fleet.storage.webhdfs import WebHdfs, _Client
 from fleet.storage.webhdfs_address import WebHdfsAddress
 from fleet.storage.webhdfs_answers import Fate, Refused
 from tests.contract.storage_contract import StorageContract
@@ -174,6 +175,26 @@ class Calls:
         if arrives:
             self._call(door, ask)
         raise Refused(Fate.PASSING, "the cable was cut")
+
+
+@pytest.mark.parametrize("arrived", [1, 3, 6])
+def test_an_append_of_which_a_part_arrived_is_completed(
+    storage: HdfsStorage, monkeypatch: pytest.MonkeyPatch, arrived: int
+) -> None:
+    whole_send, cut = _Client.send, [arrived]
+
+    def send(client: _Client, method: str, url: str, data: bytes) -> requests.Response:
+        if method == "POST" and cut:
+            whole_send(client, method, url, data[: cut.pop()])
+            raise requests.ConnectionError("the cable was cut")
+        return whole_send(client, method, url, data)
+
+    monkeypatch.setattr(_Client, "send", send)
+    storage.append("log", b"one\n")
+    storage.append("log", b"three\n")
+    assert (cut, storage.read("log")) == ([], b"one\nthree\n")
+    storage.append("log", b"four\n")
+    assert storage.read("log") == b"one\nthree\nfour\n"
 
 
 def test_an_object_that_another_process_changed_is_not_appended_to_before_it_is_read(storage: HdfsStorage) -> None:

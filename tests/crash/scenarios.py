@@ -61,6 +61,13 @@ def watches_cut(trial: Trial) -> None:
         trial.slot.api.cut_watches()
 
 
+def watches_stalled(trial: Trial) -> None:
+    """Nothing more comes over any watch, and nothing says so."""
+    trial.patience_s = 400.0  # of a dead connection the operator only knows by the bookmarks that do not come
+    trial.hold(AGENT, 1.0)
+    trial.slot.api.stall_watches()
+
+
 def api_away(trial: Trial) -> None:
     """The operator cannot reach the API server for a while in which the mission goes on."""
     trial.hold(AGENT, 1.0)
@@ -164,10 +171,12 @@ def everything_restarts(trial: Trial) -> None:
     """NameNode and a DataNode are killed and come back in the first mission, the API server in the second."""
     trial.hold(AGENT, 4.0)
     trial.world.hdfs.stop_datanode(0)
-    trial.world.hdfs.restart_namenode()
-    trial.wait_until("the second mission is ordered", lambda: trial.storage.exists(trial.paths.plan(2)))
-    trial.world.plane.restart_api_server()
-    trial.world.hdfs.start_datanode(0)
+    try:
+        trial.world.hdfs.restart_namenode()
+        trial.wait_until("the second mission is ordered", lambda: trial.storage.exists(trial.paths.plan(2)))
+        trial.world.plane.restart_api_server()
+    finally:
+        trial.world.hdfs.start_datanode(0)
 
 
 def _pod_of(trial: Trial, role: Role, agent: str) -> str:
@@ -213,6 +222,7 @@ SCENARIOS = (
     Scenario(slow_and_cut, _TRIED_LESS),
     Scenario(storage_errors, _told("StorageUnavailable")),
     Scenario(watches_cut),
+    Scenario(watches_stalled),
     Scenario(api_away, _TRIED_LESS),
     Scenario(stopped_and_started),
     Scenario(leader_killed),

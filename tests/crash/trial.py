@@ -81,6 +81,7 @@ class Trial:
     disturb: Callable[[Trial], None] | None = None
     starts_of_operator: int = 0
     killed_at: str = ""
+    patience_s: float = PATIENCE_S
 
     def __post_init__(self) -> None:
         self.operator = Operator(self.world, self.slot, self.namespace)
@@ -129,16 +130,16 @@ class Trial:
 
     # -- what a run waits for
 
-    def wait_until(self, what: str, look: Callable[[], object], patience_s: float = PATIENCE_S) -> None:
+    def wait_until(self, what: str, look: Callable[[], object]) -> None:
         """Wait, and start the operator again when it was killed, as its kubelet would."""
-        end = time.monotonic() + patience_s
+        end = time.monotonic() + self.patience_s
         while not look():
             if not self.operator.running:
                 if not self.killed_at:
                     raise AssertionError(f"{self.namespace}: the operator ended:\n{self.operator.last_words()}")
                 self.start_operator()
             if time.monotonic() > end:
-                raise AssertionError(f"{self.namespace}: not within {patience_s:g} s: {what}\n{self.tell()}")
+                raise AssertionError(f"{self.namespace}: not within {self.patience_s:g} s: {what}\n{self.tell()}")
             time.sleep(_LOOK_S)
 
     def fleet(self) -> Manifest:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,7 @@ from fleet_operator.config import Config, from_environment
 from tests.chart import BED_VALUES, CHART, NAMESPACE, RELEASE, ROOT, Helm, Manifest, find, pods
 from tests.testbed.requirements import need
 
-pytestmark = pytest.mark.xdist_group("control-plane")
-
+Rendered = Callable[[str], list[Manifest]]
 FOLDER = Path(__file__).parent / "chart"
 CASES: dict[str, tuple[Path, ...]] = {
     "default": (),
@@ -38,14 +38,26 @@ def helm(tmp_path_factory: pytest.TempPathFactory) -> Helm:
     return Helm(tmp_path_factory.mktemp("helm"))
 
 
+@pytest.fixture(scope="module")
+def texts(helm: Helm) -> Callable[[str], str]:
+    """What the chart makes of a case, as text."""
+    return cache(lambda case: helm.render(*arguments(case)))
+
+
+@pytest.fixture(scope="module")
+def manifests(texts: Callable[[str], str]) -> Rendered:
+    """What the chart makes of a case."""
+    return lambda case: [each for each in yaml.safe_load_all(texts(case)) if each]
+
+
 def arguments(case: str) -> list[str]:
     return [part for file in CASES[case] for part in ("--values", str(file))]
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_manifests_are_as_they_were_read(helm: Helm, case: str, update_golden: bool) -> None:
+def test_manifests_are_as_they_were_read(texts: Callable[[str], str], case: str, update_golden: bool) -> None:
     file = FOLDER / f"{case}.yaml"
-    documents = helm.render(*arguments(case)).removeprefix("---\n").split("\n---\n")
+    documents = texts(case).removeprefix("---\n").split("\n---\n")
     text = "\n---\n".join(each for each in documents if not each.startswith(COPIES))
     if update_golden:
         file.write_text(text)
@@ -110,16 +122,16 @@ def test_the_schema_closes_every_object() -> None:
     assert opened == []
 
 
-def test_priority_classes_are_those_of_the_compiler(helm: Helm) -> None:
-    rendered = [each for each in helm.manifests() if each["kind"] == "PriorityClass"]
+def test_priority_classes_are_those_of_the_compiler(manifests: Rendered) -> None:
+    rendered = [each for each in manifests("default") if each["kind"] == "PriorityClass"]
     assert {each["metadata"]["name"]: each for each in rendered} == {
         each["metadata"]["name"]: each for each in priority_classes()
     }
 
 
-def test_custom_resource_definitions_are_those_of_the_project(helm: Helm) -> None:
+def test_custom_resource_definitions_are_those_of_the_project(manifests: Rendered) -> None:
     wanted = [yaml.safe_load(path.read_text()) for path in (ROOT / "crds").glob("*.yaml")]
-    rendered = [each for each in helm.manifests() if each["kind"] == "CustomResourceDefinition"]
+    rendered = [each for each in manifests("default") if each["kind"] == "CustomResourceDefinition"]
     assert {each["metadata"]["name"]: each["spec"] for each in rendered} == {
         each["metadata"]["name"]: each["spec"] for each in wanted
     }, "run `python -m fleet.spec.generate`"
@@ -132,8 +144,8 @@ def test_the_chart_has_the_version_of_the_package() -> None:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_every_container_is_hardened_and_has_requests_and_limits(helm: Helm, case: str) -> None:
-    for _, pod in pods(helm.manifests(*arguments(case))):
+def test_every_container_is_hardened_and_has_requests_and_limits(manifests: Rendered, case: str) -> None:
+    for _, pod in pods(manifests(case)):
         assert pod["spec"]["securityContext"]["runAsNonRoot"] is True
         assert pod["spec"]["securityContext"]["seccompProfile"] == {"type": "RuntimeDefault"}
         for container in [*pod["spec"].get("initContainers", []), *pod["spec"]["containers"]]:
@@ -147,35 +159,34 @@ def test_every_container_is_hardened_and_has_requests_and_limits(helm: Helm, cas
 
 @pytest.mark.parametrize("case", CASES)
 def test_only_who_talks_to_the_api_server_has_a_token_and_only_datanodes_are_on_the_nodes_network(
-    helm: Helm, case: str
+    manifests: Rendered, case: str
 ) -> None:
-    found = dict(pods(helm.manifests(*arguments(case))))
+    found = dict(pods(manifests(case)))
     tokens = {component for component, pod in found.items() if pod["spec"]["automountServiceAccountToken"]}
     on_nodes = {component for component, pod in found.items() if pod["spec"].get("hostNetwork")}
     assert tokens == {"operator"} | ({"test"} & set(found))
     assert on_nodes == {"datanode"} & set(found)
 
 
-def test_the_operator_understands_what_the_chart_tells_it(helm: Helm) -> None:
-    def told(*args: str) -> Config:
-        pod = find(helm.manifests(*args), "Deployment", f"{RELEASE}-operator")["spec"]["template"]["spec"]
+def test_the_operator_understands_what_the_chart_tells_it(manifests: Rendered) -> None:
+    def told(case: str) -> Config:
+        pod = find(manifests(case), "Deployment", f"{RELEASE}-operator")["spec"]["template"]["spec"]
         variables = {each["name"]: each.get("value", NAMESPACE) for each in pod["containers"][0]["env"]}
         return from_environment(variables | {"FLEET_OPERATOR_IDENTITY": "one"})
 
     plain = Config(namespace=NAMESPACE, lease=f"{RELEASE}-operator", identity="one")
     host = f"{RELEASE}-namenode.{NAMESPACE}.svc"
     storage = replace(plain.settings, storage_uri=f"webhdfs://fleet@{host}:9870/fleet")
-    assert told() == replace(plain, settings=storage)
+    assert told("default") == replace(plain, settings=storage)
     volume = replace(plain.settings, storage_uri="file:///fleet/storage", storage_claim=f"{RELEASE}-storage")
-    assert told(*arguments("volume")) == replace(plain, settings=volume)
-    assert told(*arguments("existing-storage")).watch_namespaces == ("fields", "orchards")
+    assert told("volume") == replace(plain, settings=volume)
+    assert told("existing-storage").watch_namespaces == ("fields", "orchards")
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_every_selector_chooses_one_workload(helm: Helm, case: str) -> None:
-    manifests = helm.manifests(*arguments(case))
-    labels = {component: pod["metadata"].get("labels", {}) for component, pod in pods(manifests)}
-    for manifest in manifests:
+def test_every_selector_chooses_one_workload(manifests: Rendered, case: str) -> None:
+    labels = {component: pod["metadata"].get("labels", {}) for component, pod in pods(manifests(case))}
+    for manifest in manifests(case):
         spec = manifest.get("spec", {})
         match manifest["kind"]:
             case "Service":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -243,7 +244,8 @@ def test_pods_and_complaints_of_a_job_are_found(plane: ControlPlane) -> None:
             assert [(pod.job, pod.phase) for pod in pods] == [("pods", "Pending")]
             assert await cluster.pods(ref("pods-fleet"), "other") == ()
             assert await cluster.pods(ref("pods-fleet")) == pods
-            assert not await cluster.resize(pods[0], "main", {"limits": {"cpu": "1"}}) or True
+            gone = replace(pods[0], ref=ref("no-such-pod"))
+            assert not await cluster.resize(gone, "main", {"limits": {"cpu": "1"}})
             await until(lambda: cluster.jobs(ref("pods-fleet"))[0].state is JobState.PENDING)
 
     run(scenario)

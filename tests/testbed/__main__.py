@@ -19,12 +19,12 @@ from tests.testbed.progress import say
 from tests.testbed.recipes import RECIPES
 from tests.testbed.records import MARK, SiteLock, clear_up, read_record
 from tests.testbed.requirements import check_machines
-from tests.testbed.site import CLUSTER, BedSpec, machines
+from tests.testbed.site import CLUSTER, BedSpec, Site, machines
 
 
 def main(arguments: list[str]) -> int:
     """Run one command; the exit code."""
-    options = _parser().parse_args(arguments)
+    options = parser().parse_args(arguments)
     act: Callable[[argparse.Namespace], None] = options.act
     try:
         act(options)
@@ -39,14 +39,16 @@ def main(arguments: list[str]) -> int:
 
 def up(options: argparse.Namespace) -> None:
     """Start the cluster, or say where it is when it runs."""
-    running = _running()
+    running = _running(options.site)
     if running is None:
         check_machines()
         for name in (*PROGRAMS, "kubectl"):
             tool(name)
         images = _images() if options.images else []
         start = time.monotonic()
-        running = start_bed(options.folder, [CLUSTER], images, BedSpec(machines=machines(options.edges)))
+        running = start_bed(
+            options.folder or _folder(options.site), [options.site], images, BedSpec(machines=machines(options.edges))
+        )
         try:
             running.wait_ready()
         except BaseException:  # an interrupt as well: half a cluster is of no use
@@ -61,28 +63,28 @@ def up(options: argparse.Namespace) -> None:
     sys.stdout.write(f"export KUBECONFIG={running.kubeconfig}\n")
 
 
-def down(_: argparse.Namespace) -> None:
+def down(options: argparse.Namespace) -> None:
     """Switch everything off, and remove the cluster's folder."""
-    record = read_record(CLUSTER)
+    record = read_record(options.site)
     if record is None:
         say("no cluster is there")
         return
-    running = _running()
+    running = _running(options.site)
     if running is not None:
         running.down()
-    with SiteLock(CLUSTER) as lock:
+    with SiteLock(options.site) as lock:
         if not lock.try_take():
             raise BedError("the cluster is just being started or removed by another command")
-        clear_up(CLUSTER)
+        clear_up(options.site)
     folder = Path(record.folder)
     if (folder / MARK).exists():
         shutil.rmtree(folder)
     say("the cluster is gone")
 
 
-def status(_: argparse.Namespace) -> None:
+def status(options: argparse.Namespace) -> None:
     """Say which machines are on, and which are Ready."""
-    running = _running()
+    running = _running(options.site)
     if running is None:
         say("no cluster runs; start one: python -m tests.testbed up")
         return
@@ -96,12 +98,12 @@ def status(_: argparse.Namespace) -> None:
 
 def power_off(options: argparse.Namespace) -> None:
     """Cut the power of a machine."""
-    _needed().machine(options.machine).power_off()
+    needed(options.site).machine(options.machine).power_off()
 
 
 def power_on(options: argparse.Namespace) -> None:
     """Press the power button of a machine that is off."""
-    _needed().machine(options.machine).power_on()
+    needed(options.site).machine(options.machine).power_on()
 
 
 def make(options: argparse.Namespace) -> None:
@@ -118,36 +120,47 @@ def make(options: argparse.Namespace) -> None:
 
 
 def _images() -> list[Path]:
-    from tests.testbed.images import ensure_images  # noqa: PLC0415 - a cluster without them needs no image builder
+    from tests.testbed.images import PODS, ensure_images  # noqa: PLC0415 - a cluster without them needs no image builder
 
-    return list(ensure_images().values())
+    return list(ensure_images(*PODS).values())
 
 
-def _running() -> Bed | None:
+def _running(site: Site) -> Bed | None:
     """The cluster that runs."""
-    record = read_record(CLUSTER)
-    with SiteLock(CLUSTER) as lock:
+    record = read_record(site)
+    with SiteLock(site) as lock:
         if record is None or lock.try_take():  # nobody holds the lock: it is dead
             return None
     folder = Path(record.folder)
     return Bed(SPEC.validate_json((folder / "spec.json").read_bytes()), folder)
 
 
-def _needed() -> Bed:
-    running = _running()
+def needed(site: Site = CLUSTER) -> Bed:
+    """The cluster that runs. Raises BedError when none does."""
+    running = _running(site)
     if running is None:
         raise BedError("no cluster runs; start one: python -m tests.testbed up")
     return running
 
 
-def _default_folder() -> Path:
+def _folder(site: Site) -> Path:
     state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local/state"
-    return Path(state) / "fleet-computer" / "cluster"
+    return Path(state) / "fleet-computer" / ("cluster" if site == CLUSTER else f"cluster-{site.prefix}")
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m tests.testbed", description=__doc__)
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+def _site(text: str) -> Site:
+    prefix, _, number = text.partition(":")
+    if not (prefix.isalnum() and len(prefix) <= 8 and number.isdecimal() and 1 <= int(number) <= 250):
+        raise argparse.ArgumentTypeError("say it as fc:77, with at most 8 letters and a number up to 250")
+    return Site(prefix, int(number))
+
+
+def parser() -> argparse.ArgumentParser:
+    """The commands and their options."""
+    arguments = argparse.ArgumentParser(prog="python -m tests.testbed", description=__doc__)
+    where = "names and addresses, to have several: fc:77 has names fc-..., and 10.77 to 10.79 (the default)"
+    arguments.add_argument("--site", type=_site, default=CLUSTER, help=where)
+    commands = arguments.add_subparsers(required=True, metavar="COMMAND")
 
     def command(name: str, act: Callable[[argparse.Namespace], None]) -> argparse.ArgumentParser:
         one = commands.add_parser(name, help=act.__doc__, description=act.__doc__)
@@ -155,7 +168,7 @@ def _parser() -> argparse.ArgumentParser:
         return one
 
     start = command("up", up)
-    start.add_argument("--folder", type=Path, default=_default_folder(), help="keys, logs and disks (%(default)s)")
+    start.add_argument("--folder", type=Path, help="for keys, logs and disks (~/.local/state/fleet-computer/cluster)")
     start.add_argument("--edges", type=int, default=3, help="edge machines beside the hub (%(default)s)")
     start.add_argument("--images", action="store_true", help="with the images of the Fleet Computer, built if needed")
     command("down", down)
@@ -164,7 +177,7 @@ def _parser() -> argparse.ArgumentParser:
     command("build", make).add_argument("names", nargs="*", metavar="NAME", help=f"{names}; all but kwok and images")
     for name, act in {"power-off": power_off, "power-on": power_on}.items():
         command(name, act).add_argument("machine", help="hub, edge1, edge2, ...")
-    return parser
+    return arguments
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from tests.testbed.access import Access
 from tests.testbed.api import Api
 from tests.testbed.binaries import cache, tool
 from tests.testbed.errors import BedError, CommandFailed, NotReady
-from tests.testbed.image_store import image_store
+from tests.testbed.image_store import image_store, images_of
 from tests.testbed.keeper import SPEC
 from tests.testbed.power import send_magic_packet
 from tests.testbed.processes import LOG_TAIL
@@ -82,7 +82,11 @@ class MachineHandle:
         return done.stdout
 
     def load_image(self, archive: Path) -> None:
-        """Bring the images of an OCI archive into the machine."""
+        """Bring the images of an OCI archive into the machine, unless it has them."""
+        listed = [line.split() for line in self.run("ctr", "--namespace", "k8s.io", "images", "ls").splitlines()]
+        present = {columns[0]: columns[2] for columns in listed}
+        if images_of(archive).items() <= present.items():
+            return
         with archive.open("rb") as file:
             self.run("ctr", "--namespace", "k8s.io", "images", "import", "-", stdin=file)
 
@@ -94,6 +98,7 @@ class Bed(Access):
         super().__init__(folder / "admin.kubeconfig")
         self.spec = spec
         self.folder = folder
+        self.keeper: subprocess.Popen[bytes] | None = None  # when this process started it
         self.machines = tuple(MachineHandle(self, machine.name) for machine in spec.machines)
 
     def machine(self, name: str) -> MachineHandle:
@@ -155,6 +160,8 @@ class Bed(Access):
     def down(self) -> None:
         """Switch everything off and remove every trace but logs and configuration."""
         self.order("down")
+        if self.keeper is not None:
+            self.keeper.wait()
         lock = SiteLock(self.spec.site)
         wait_for("the end of the keeper", lock.try_take, timeout_s=20.0)
         lock.close()
@@ -191,6 +198,7 @@ def bed(folder: Path, images: Sequence[Path] = (), spec: BedSpec | None = None) 
 def _start(
     folder: Path, sites: Sequence[Site], images: Sequence[Path], spec: BedSpec | None, wrapper: Sequence[str]
 ) -> Bed:
+    programs = [str(tool(name)) for name in PROGRAMS]
     store = image_store([*small_images(cache() / "small-images"), *images])
     lock = _free_site(sites)
     started = Bed(replace(spec or BedSpec(), site=lock.site), folder.resolve())
@@ -198,10 +206,9 @@ def _start(
     folder.mkdir(parents=True, exist_ok=True)
     (folder / MARK).touch()
     (folder / "spec.json").write_bytes(SPEC.dump_json(started.spec, indent=1))
-    command = [sys.executable, "-m", "tests.testbed.keeper", str(folder), str(store.folder)]
-    command += [str(tool(name)) for name in PROGRAMS]
-    with lock, (folder / "keeper.log").open("ab") as log:
-        process = subprocess.Popen(
+    command = [sys.executable, "-m", "tests.testbed.keeper", str(folder), str(store.folder), *programs]
+    with store.held(), lock, (folder / "keeper.log").open("ab") as log:
+        started.keeper = subprocess.Popen(
             [*wrapper, *command],
             cwd=ROOT,
             env=os.environ | {"PYTHONPATH": str(ROOT)},
@@ -211,7 +218,7 @@ def _start(
             start_new_session=True,
             pass_fds=[lock.fileno()],
         )
-    _await_keeper(started, process)
+        _await_keeper(started, started.keeper)
     return started
 
 

@@ -46,7 +46,7 @@ class Workshop:
         )
         if recipe.main:
             (source / "main.go").write_text(recipe.main)
-        draft = target.with_suffix(".part")
+        draft = target.with_name(f"{target.name}.part")
         shutil.rmtree(draft, ignore_errors=True)
         draft.mkdir(parents=True)
         stamps = [f"-X {variable}={value}" for variable, value in (recipe.stamps or {}).items()]
@@ -94,7 +94,7 @@ def fetch_hadoop(folder: Path) -> None:
         CommandFailed: Maven could not.
     """
     say(f"fetching Hadoop {versions.HADOOP} by Maven (about half a minute)")
-    draft = folder.with_suffix(".part")
+    draft = folder.with_name(f"{folder.name}.part")
     shutil.rmtree(draft, ignore_errors=True)
     draft.mkdir(parents=True)
     project = draft / "pom.xml"

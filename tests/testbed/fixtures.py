@@ -62,11 +62,11 @@ def bed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bed]:
     """Four machines with the images of the Fleet Computer; a test that switches one off switches it on again."""
     if elsewhere() is not None:
         pytest.skip("this test needs machines of our own: unset FLEET_TEST_CLUSTER to run it")
-    from tests.testbed.images import ensure_images  # noqa: PLC0415 - most tests need no image builder
+    from tests.testbed.images import PODS, ensure_images  # noqa: PLC0415 - most tests need no image builder
 
     need("machines", *PROGRAMS, "kubectl")
     try:
-        images = list(ensure_images().values())
+        images = list(ensure_images(*PODS).values())
     except BedError as error:
         refuse(str(error))
     with run_bed(tmp_path_factory.mktemp("bed"), images) as machines:

@@ -37,6 +37,8 @@ IMPATIENT: Site = {
     "dfs.namenode.replication.work.multiplier.per.iteration": 20,
     "dfs.namenode.replication.max-streams": 20,
     "dfs.namenode.replication.max-streams-hard-limit": 40,
+    # By itself it follows replication.min, and a NameNode that starts while a DataNode is away would stay in safe mode.
+    "dfs.namenode.safemode.replication.min": 1,
     "dfs.namenode.safemode.extension": 0,
     "dfs.client.socket-timeout": 5000,
     "ipc.client.connect.max.retries": 2,

@@ -20,6 +20,8 @@ from tests.testbed.processes import run
 FORMAT = "1"  # to be raised when what is below changes what a store is
 SNAPSHOTS = "io.containerd.snapshotter.v1.overlayfs/snapshots"
 BLOBS = "io.containerd.content.v1.content/blobs"
+KEPT = 3  # stores: of the tests, of a user's cluster, and one from before the last change
+SMALL_BYTES = 100_000_000  # up to this, unpacking anew is faster than linking the files of an older store
 # Where a machine sees the store.
 SEEN = Path("/run/images")
 IMPORT = Path(__file__).with_name("import-images")
@@ -68,11 +70,19 @@ def image_store(images: Sequence[Path]) -> ImageStore:
         for draft in root.glob("*.part"):  # of one that was killed
             shutil.rmtree(draft)
         if not store.folder.is_dir():
-            before = sorted((path for path in root.iterdir() if path.is_dir()), key=lambda path: path.stat().st_mtime)
-            _make(store.folder, images, before[-1] if before else None)
+            size = sum(image.stat().st_size for image in images)
+            before = _by_age(root) if size > SMALL_BYTES else []
+            _make(store.folder, images, before[0] if before else None)
         os.utime(store.folder)
-        _forget_others(root, store.folder)
+        for old in _by_age(root)[KEPT:]:
+            _forget(old)
     return store
+
+
+def _by_age(root: Path) -> list[Path]:
+    """The stores, that which was used last first."""
+    stores = [path for path in root.iterdir() if path.is_dir()]
+    return sorted(stores, key=lambda path: path.stat().st_mtime, reverse=True)
 
 
 def _key(images: Sequence[Path]) -> str:
@@ -90,10 +100,10 @@ def _index(image: Path) -> bytes:
         return file.read()
 
 
-def image_names(image: Path) -> list[str]:
-    """The names that containerd gives to the images of an archive."""
-    entries = json.loads(_index(image))["manifests"]
-    return [entry.get("annotations", {}).get("io.containerd.image.name", "") for entry in entries]
+def images_of(archive: Path) -> dict[str, str]:
+    """The digests of the images of an archive by the names that containerd gives them."""
+    entries = json.loads(_index(archive))["manifests"]
+    return {entry.get("annotations", {}).get("io.containerd.image.name", ""): entry["digest"] for entry in entries}
 
 
 def _make(folder: Path, images: Sequence[Path], before: Path | None) -> None:
@@ -108,7 +118,7 @@ def _make(folder: Path, images: Sequence[Path], before: Path | None) -> None:
             shutil.copy2(before / database.relative_to(draft), database)
     settings = folder.with_suffix(".toml")
     settings.write_text(containerd_toml("/run/store"))
-    names = [name for image in images for name in image_names(image)]
+    names = [name for image in images for name in images_of(image)]
     isolate = ["unshare", "--mount", "--pid", "--fork", "--kill-child=SIGKILL", "--mount-proc"]
     path = f"{tool('containerd').parent}:{os.environ['PATH']}:/usr/sbin:/sbin"
     run(
@@ -120,18 +130,16 @@ def _make(folder: Path, images: Sequence[Path], before: Path | None) -> None:
     draft.rename(folder)
 
 
-def _forget_others(root: Path, kept: Path) -> None:
-    for path in root.iterdir():
-        if not path.is_dir() or path == kept:
-            continue
-        mark = _lock_file(path)
-        with mark.open("w") as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:  # a bed has its images from there
-                continue
-            shutil.rmtree(path)
-        mark.unlink()
+def _forget(folder: Path) -> None:
+    """Remove a store that no bed has its images from."""
+    mark = _lock_file(folder)
+    with mark.open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return
+        shutil.rmtree(folder)
+    mark.unlink()
 
 
 def _lock_file(folder: Path) -> Path:

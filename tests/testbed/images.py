@@ -19,10 +19,13 @@ from fleet import __version__
 from tests.testbed.errors import BedError, Missing
 from tests.testbed.imaging import debian
 from tests.testbed.imaging.buildah import Buildah
-from tests.testbed.imaging.inputs import INPUTS, PARENTS, ROOT, digest, stage
+from tests.testbed.imaging.inputs import PARENTS, ROOT, digest, stage
 from tests.testbed.imaging.secrets import build_secrets
 
 NAMES = ("base", "runtime", "function", "operator", "hdfs")
+
+PODS = ("operator", "runtime", "hdfs")
+"""Those that run in a cluster; the others are what images are built on."""
 
 REGISTRY = "docker.io"
 """The registry that a kubelet takes for meant when a name has none; nothing is ever fetched from it."""

@@ -11,7 +11,6 @@ through unbuffered. Redirects of a NameNode are rewritten, so that data goes thr
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
 import random
 import ssl
@@ -273,12 +272,11 @@ class Proxy:
                 if stream.stalled:
                     await asyncio.Event().wait()  # until the client goes
                 await answer.write(chunk)
-        except ConnectionResetError:
-            pass
+            await answer.write_eof()
+        except (ConnectionResetError, aiohttp.ClientError):  # one of the two is gone, and so is the stream
+            raise _Dropped from None
         finally:
             self._streams.discard(stream)
-        with contextlib.suppress(ConnectionResetError):
-            await answer.write_eof()
         return answer
 
 

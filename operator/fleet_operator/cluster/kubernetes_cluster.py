@@ -78,16 +78,28 @@ class KubernetesCluster:
     async def apply_status(self, kind: Kind, ref: ObjectRef, status: Manifest) -> bool:
         """Have an object's status as said; False when it was seen to be so."""
         entry = self._memory.store(kind).get(ref)
-        if entry is not None and entry.view.get("status") == status:
+        if entry is None:
+            self._memory.put(kind, await self._send_status(kind, ref, status))
+            return True
+        if entry.view.get("status") == status:
             return False
-        metadata: Manifest = {"name": ref.name, "namespace": ref.namespace}
-        if entry is not None:
-            metadata["uid"] = entry.uid  # the status of an object is not for another of the same name
-        body = {"apiVersion": kind.api_version, "kind": kind.kind, "metadata": metadata, "status": status}
-        path = kind.path(ref.namespace, ref.name) + "/status"
-        answer = await self._transport.send(Call("patch", path, body, _AS_APPLIED, APPLY))
+        try:
+            answer = await self._send_status(kind, ref, status, str(entry.version))
+        except Conflict:
+            there = await self._transport.send(Call("get", kind.path(ref.namespace, ref.name)))
+            self._memory.put(kind, there)
+            if there["metadata"]["uid"] != entry.uid:
+                raise
+            answer = await self._send_status(kind, ref, status, there["metadata"]["resourceVersion"])
         self._memory.put(kind, answer)
         return True
+
+    async def _send_status(self, kind: Kind, ref: ObjectRef, status: Manifest, version: str = "") -> Manifest:
+        """Apply a status to an object of this version: what is said of one is not for another of the same name."""
+        metadata = {"name": ref.name, "namespace": ref.namespace} | ({"resourceVersion": version} if version else {})
+        body = {"apiVersion": kind.api_version, "kind": kind.kind, "metadata": metadata, "status": status}
+        path = kind.path(ref.namespace, ref.name) + "/status"
+        return await self._transport.send(Call("patch", path, body, _AS_APPLIED, APPLY))
 
     async def delete(self, kind: Kind, ref: ObjectRef, uid: str = "") -> None:
         """Delete an object, and in the background what it owns; one that is gone, or has another uid, is fine."""

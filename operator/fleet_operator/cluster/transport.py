@@ -91,6 +91,7 @@ class Transport:
         if self._session is not None:
             await self._session.close()
             self._session = None
+            await asyncio.sleep(0)  # connections with TLS are closed in the loop's next round
 
     async def send(self, call: Call) -> dict[str, Any]:
         """The API server's answer.

@@ -10,7 +10,7 @@ from fleet.contexts.files import join
 from fleet.contexts.load import copy_context
 from fleet.contexts.manifest import MANIFEST
 from fleet.contexts.tables import FEATURES, PICTURES
-from fleet.errors import ContextError, ObjectNotFound
+from fleet.errors import ContextError, ObjectNotFound, SpecError
 from fleet.spec.functions import ContextSpec
 from fleet.spec.resources import FleetSpec
 from fleet.storage.layout import FleetPaths
@@ -41,7 +41,7 @@ def copy_contexts(spec: FleetSpec, folder: Path, storage: Storage, paths: FleetP
         if known is not None:
             storage.delete(origin)  # what is there is no longer the old one, and not yet the new one
         copy_context(source, "", storage, paths.context(context.name))
-        if not _has(source, PICTURES):
+        if not source.exists(PICTURES):
             storage.delete(join(paths.context(context.name), PICTURES))
         storage.write(origin, mark)
 
@@ -49,11 +49,7 @@ def copy_contexts(spec: FleetSpec, folder: Path, storage: Storage, paths: FleetP
 def _source(context: ContextSpec, folder: Path) -> tuple[Storage, str]:
     """Where a context is, and what tells it from others: the content beside a FleetSpec, the sizes in a storage."""
     if "://" in context.uri:
-        storage = open_storage(context.uri)
-        sizes = [(entry.path, entry.size_bytes) for entry in storage.list("") if entry.path in _FILES]
-        if not sizes:
-            raise ContextError(f"context {context.name}: there is no context at {context.uri}; correct its uri")
-        return storage, hashlib.blake2b(repr(sizes).encode(), digest_size=16).hexdigest()
+        return _at_address(context)
     place = folder / context.uri
     if not place.is_dir():
         raise ContextError(f"context {context.name}: there is no folder {context.uri} beside the FleetSpec")
@@ -66,12 +62,19 @@ def _source(context: ContextSpec, folder: Path) -> tuple[Storage, str]:
     return LocalStorage(place), hasher.hexdigest()
 
 
+def _at_address(context: ContextSpec) -> tuple[Storage, str]:
+    try:
+        storage = open_storage(context.uri)
+    except SpecError as error:
+        raise ContextError(f"context {context.name}: {error}") from error
+    if not storage.exists(MANIFEST):
+        raise ContextError(f"context {context.name}: there is no context at {context.uri}; correct its uri")
+    sizes = [(entry.path, entry.size_bytes) for entry in storage.list("") if entry.path in _FILES]
+    return storage, hashlib.blake2b(repr(sizes).encode(), digest_size=16).hexdigest()
+
+
 def _read(storage: Storage, path: str) -> bytes | None:
     try:
         return storage.read(path)
     except ObjectNotFound:
         return None
-
-
-def _has(storage: Storage, name: str) -> bool:
-    return storage.exists(name)

@@ -64,7 +64,7 @@ def _files(fleet: Fleet) -> Iterator[tuple[str, str]]:
 def _add_module(folder: Path, module: str, place: str, files: dict[str, bytes]) -> list[Problem]:
     top = module.partition(".")[0]
     if not _is_beside(folder, top):
-        if importlib.util.find_spec(top) is not None:
+        if _is_installed(top):
             return []
         hint = f"put {top}.py beside the FleetSpec"
         return [Problem(place, f"there is no module {top!r} beside the FleetSpec in {folder}", hint)]
@@ -80,7 +80,16 @@ def _add_module(folder: Path, module: str, place: str, files: dict[str, bytes]) 
                 waiting += [each for each in _imports(files[path], path) if _is_beside(folder, each)]
             except SyntaxError as error:
                 problems.append(Problem(place, f"{path}, line {error.lineno}: {error.msg}", "mend the module"))
+            except (ValueError, RecursionError, MemoryError) as error:
+                problems.append(Problem(place, f"{path} cannot be read as Python: {error}", "mend the module"))
     return problems
+
+
+def _is_installed(module: str) -> bool:
+    try:
+        return importlib.util.find_spec(module) is not None
+    except (ImportError, ValueError):  # such as __main__, which has none
+        return False
 
 
 def _is_beside(folder: Path, module: str) -> bool:

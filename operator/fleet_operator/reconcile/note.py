@@ -10,7 +10,7 @@ from fleet_operator.compiler.bundle import Bundle
 from fleet_operator.policy.status import Situation
 from fleet_operator.reconcile.asked import Asked
 
-_DOCUMENTS = 64
+_DOCUMENTS = 2048
 
 
 @dataclass

@@ -103,7 +103,7 @@ class FleetReconciler:
             self._notes.pop(ref, None)
             return None
         note = self._note(seen)
-        if note.at_rest == seen.fingerprint:
+        if note.at_rest and note.at_rest == seen.fingerprint:
             return None
         try:
             return await self._pass(seen, note)

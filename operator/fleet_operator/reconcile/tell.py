@@ -23,6 +23,7 @@ from fleet_operator.resources.refs import FLEET_SPEC, MISSION, Manifest, ObjectR
 from fleet_operator.resources.roles import Role
 from fleet_operator.resources.views import JobState
 
+_MOST_LOGS = 16
 _FINAL = ("Succeeded", "Failed")
 
 
@@ -132,21 +133,18 @@ def _mission_situation(decided: Decided, note: Note, number: int, now_s: float) 
             if observed.seen.state(names.mission_job(Role.WORKFLOW, fleet, number, agent)) is JobState.RUNNING
         ),
         failures={agent: each.message for agent, each in landings.items() if each is not None and each.failed},
-        steps={agent: _steps(decided, note, number, agent) for agent in observed.agents}
-        if not progress.evaluated
-        else {},
+        steps={} if progress.evaluated else _steps(decided, note, number),
         evaluation=records.evaluation(number),
         broken=decided.plan.broken if number == decided.mission else "",
     )
 
 
-def _steps(decided: Decided, note: Note, number: int, agent: str) -> int:
-    """States that an agent has visited; its log is read when it has grown only."""
+def _steps(decided: Decided, note: Note, number: int) -> dict[str, int]:
+    """States that each agent has visited. Only the logs that have grown most since they were read are read again."""
     observed = decided.observed
-    path = observed.paths.log(number, agent)
-    size = observed.records.sizes.get(path, 0)
-    known = note.steps.get(path, (0, 0))
-    if size != known[0]:
-        known = (size, len(read_log(observed.storage.read(path))))
-        note.steps[path] = known
-    return known[1]
+    logs = {agent: observed.paths.log(number, agent) for agent in observed.agents}
+    sizes = {path: observed.records.sizes.get(path, 0) for path in logs.values()}
+    growth = {path: sizes[path] - note.steps.get(path, (0, 0))[0] for path in logs.values()}
+    for path in sorted((path for path in growth if growth[path]), key=lambda path: -growth[path])[:_MOST_LOGS]:
+        note.steps[path] = (sizes[path], len(read_log(observed.storage.read(path))))
+    return {agent: note.steps.get(path, (0, 0))[1] for agent, path in logs.items()}
