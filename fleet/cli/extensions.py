@@ -12,6 +12,7 @@ from fleet.errors import ExitCode
 GROUP = "fleet.commands"
 EXPECTED = {
     "compile": "Show the objects that would run, as YAML.",
+    "files": "Show the files beside a FleetSpec as ConfigMaps, for kubectl apply.",
     "run": "Fly the missions of a FleetSpec on this machine.",
 }
 """Commands that users look for though they are in another package, with what they do."""

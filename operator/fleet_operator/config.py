@@ -17,7 +17,8 @@ T = TypeVar("T")
 PREFIX = "FLEET_OPERATOR_"
 _NAMES = (
     "RUNTIME_IMAGE", "PULL_POLICY", "STORAGE_URI", "STORAGE_CLAIM", "NAMESPACE", "WATCH_NAMESPACES", "WORKERS",
-    "LIBRARY", "HEALTH_PORT", "LEASE", "LEASE_SECONDS", "IDENTITY", "STOP_SECONDS", "LOG_FORMAT", "LOG_LEVEL",
+    "STORAGE_PORTS", "NETWORK_POLICIES", "LIBRARY", "HEALTH_PORT", "LEASE", "LEASE_SECONDS", "IDENTITY",
+    "STOP_SECONDS", "LOG_FORMAT", "LOG_LEVEL",
 )  # fmt: skip
 _PULL_POLICIES = ("Always", "IfNotPresent", "Never")
 _LOG_FORMATS = ("plain", "json")
@@ -81,6 +82,8 @@ def from_environment(environment: Mapping[str, str]) -> Config:
             pull_policy=_one_of(given, "PULL_POLICY", _PULL_POLICIES, settings.pull_policy),
             storage_uri=_text(given, "STORAGE_URI", settings.storage_uri),
             storage_claim=_text(given, "STORAGE_CLAIM", settings.storage_claim),
+            storage_ports=_ports(given, "STORAGE_PORTS") or settings.storage_ports,
+            network_policies=_one_of(given, "NETWORK_POLICIES", ("true", "false"), "true") == "true",
         ),
         namespace=_text(given, "NAMESPACE", own_namespace() or plain.namespace),
         watch_namespaces=_list(given, "WATCH_NAMESPACES"),
@@ -102,6 +105,14 @@ def _text(given: Mapping[str, str], name: str, default: str) -> str:
 
 def _list(given: Mapping[str, str], name: str) -> tuple[str, ...]:
     return tuple(sorted({part.strip() for part in given.get(name, "").split(",")} - {""}))
+
+
+def _ports(given: Mapping[str, str], name: str) -> tuple[int, ...]:
+    def fits(text: str) -> bool:
+        return all(part.strip().isdecimal() and 0 < int(part) < 65536 for part in text.split(","))
+
+    text = _checked(given, name, "1", fits, "ports joined by commas, such as 9870,9864")
+    return tuple(int(part) for part in text.split(",")) if given.get(name, "").strip() else ()
 
 
 def _one_of(given: Mapping[str, str], name: str, choices: tuple[str, ...], default: str) -> str:

@@ -108,7 +108,7 @@ class KopfWatches:
             namespaces=self._namespaces,
             stop_flag=self._stop,
         )
-        await asyncio.sleep(0)  # connections with TLS are closed in the loop's next round
+        await asyncio.sleep(0.05)  # connections with TLS are closed after their session
 
 
 def quiet() -> None:

@@ -164,6 +164,16 @@ def deleted_without_operator(trial: Trial) -> None:
     trial.start_operator()
 
 
+def deleted_unheard(trial: Trial) -> None:
+    """The same while the operator cannot reach the API server, which then knows nothing of the past any more."""
+    trial.hold(AGENT, _LONG_S)
+    trial.slot.api.down()
+    trial.remove()
+    trial.wait_until("the FleetSpec is gone", lambda: not trial.fleet())
+    trial.world.plane.restart_api_server()
+    trial.slot.api.up()
+
+
 # -- what is underneath
 
 
@@ -231,6 +241,7 @@ SCENARIOS = (
     Scenario(quota_exceeded, _told("QuotaExceeded")),
     Scenario(deleted_in_flight),
     Scenario(deleted_without_operator),
+    Scenario(deleted_unheard, alone=True),
     Scenario(
         node_lost, Allowed(frozenset({"NodeLost", "Recovered"}), started_again=frozenset({_WORKFLOW})), alone=True
     ),

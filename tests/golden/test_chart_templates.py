@@ -178,7 +178,8 @@ def test_the_operator_understands_what_the_chart_tells_it(manifests: Rendered) -
     host = f"{RELEASE}-namenode.{NAMESPACE}.svc"
     storage = replace(plain.settings, storage_uri=f"webhdfs://fleet@{host}:9870/fleet")
     assert told("default") == replace(plain, settings=storage)
-    volume = replace(plain.settings, storage_uri="file:///fleet/storage", storage_claim=f"{RELEASE}-storage")
+    claim = f"{RELEASE}-storage"
+    volume = replace(plain.settings, storage_uri="file:///fleet/storage", storage_claim=claim, network_policies=False)
     assert told("volume") == replace(plain, settings=volume)
     assert told("existing-storage").watch_namespaces == ("fields", "orchards")
 

@@ -148,16 +148,16 @@ def test_deleting_is_for_one_uid_and_what_is_gone_is_fine(plane: ControlPlane) -
 
 
 def test_a_job_that_is_on_its_way_out_cannot_be_applied(plane: ControlPlane) -> None:
+    held = job(NAMESPACE, "held", "held-fleet")
+    plane.apply(held | {"metadata": {**held["metadata"], "finalizers": ["test.fleetcomputer.io/held"]}})
+
     async def scenario() -> None:
         async with connected(plane.kubeconfig, NAMESPACE) as connection:
-            held = job(NAMESPACE, "held", "held-fleet")
-            held["metadata"]["finalizers"] = ["test.fleetcomputer.io/held"]
-            await connection.cluster.apply(held)
             await connection.cluster.delete(JOB, ref("held"))
             (view,) = connection.cluster.jobs(ref("held-fleet"))
             assert view.deleting
             with pytest.raises(errors.Conflict, match="is being deleted"):
-                await connection.cluster.apply(job(NAMESPACE, "held", "held-fleet", suspend=False))
+                await connection.cluster.apply(held)
 
     run(scenario)
     plane.kubectl("patch", "job", "held", "-n", NAMESPACE, "--type=merge", "-p", '{"metadata":{"finalizers":null}}')

@@ -11,27 +11,20 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 from fleet.missions.documents import WeightsDocument
 from fleet.storage.layout import FleetPaths
-from fleet.storage.open import open_storage
 from fleet.storage.port import Storage
 from fleet_operator.policy.level import priority_value
 from tests.testbed import __main__ as commands
 from tests.testbed.access import Access
-from tests.testbed.binaries import tool
 from tests.testbed.errors import BedError
-from tests.testbed.images import image
+from tests.testbed.installation import ROOT, install, reach_storage
 from tests.testbed.progress import say
 from tests.testbed.waiting import wait_for
 
-ROOT = Path(__file__).resolve().parents[2]
-CHART = ROOT / "charts/fleet-computer"
-VALUES = Path(__file__).with_name("values.yaml")
 EXAMPLE = ROOT / "examples/crop-scouting/fleetspec.yaml"
-RELEASE, SYSTEM = "fleet-computer", "fleet-system"
 NAMESPACE, FLEET = "default", "crop-scouting"
 OUT = ROOT / "out/demo-cluster"
 _EVERY_S = 0.5
@@ -130,29 +123,6 @@ def _number(value: float | None) -> str:
 def _condition(status: dict[str, Any], kind: str) -> str:
     found = [each["status"] for each in status.get("conditions", ()) if each["type"] == kind]
     return found[0] if found else "Unknown"
-
-
-def install(cluster: Access) -> None:
-    """helm install, or upgrade, and wait until everything is ready."""
-    place = ("--kubeconfig", str(cluster.kubeconfig), "--namespace", SYSTEM, "--create-namespace")
-    files = ("--values", str(VALUES), "--wait", "--timeout", "5m")
-    # Images have the version as their tag: what tells that one is another is the name of its archive.
-    mark = ("--set-string", f"operator.podAnnotations.image={image('operator').stem}")
-    command = [str(tool("helm")), "upgrade", "--install", RELEASE, str(CHART), *place, *files, *mark]
-    done = subprocess.run(command, check=False, capture_output=True, text=True)
-    if done.returncode:
-        raise BedError(
-            f"helm failed: {done.stderr.strip()[-2000:]}\n{cluster.kubectl('get', 'pods', '-A', check=False)}"
-        )
-
-
-def reach_storage(cluster: Access) -> Storage:
-    """The chart's HDFS as this computer reaches it: by the NameNode's address, as it asks no DNS of the cluster."""
-    service = cluster.get("service", f"{RELEASE}-namenode", "-n", SYSTEM)["spec"]
-    address = service["clusterIP"]
-    if address == "None":
-        address = cluster.get("pod", f"{RELEASE}-namenode-0", "-n", SYSTEM)["status"]["podIP"]
-    return open_storage(f"webhdfs://fleet@{address}:9870/fleet")
 
 
 def remove_earlier(cluster: Access, storage: Storage) -> None:

@@ -11,14 +11,15 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
 from fleet import __version__
 from tests.testbed.errors import BedError, Missing
 from tests.testbed.imaging import debian
-from tests.testbed.imaging.buildah import Buildah
+from tests.testbed.imaging.buildah import Buildah, Recipe
+from tests.testbed.imaging.container import Container, container
 from tests.testbed.imaging.inputs import PARENTS, ROOT, digest, stage
 from tests.testbed.imaging.secrets import build_secrets
 
@@ -69,18 +70,59 @@ def ensure_images(*names: str, root: Path = ROOT) -> dict[str, Path]:
         Missing: this computer cannot build images; the text says what to do.
         BedError: a build failed.
     """
-    folder = cache_folder()
-    folder.mkdir(parents=True, exist_ok=True)
-    with _alone(folder / "lock"):
-        builder = _Builder(folder, root)
+    with _builder(root) as builder:
         return {name: builder.archive(name) for name in names or NAMES}
 
 
+@contextmanager
+def image_container(name: str, mounts: Mapping[str, Path] | None = None) -> Iterator[Container]:
+    """A container of an image on this computer, without a cluster; for tests of what is in an image.
+
+    Args:
+        name: One of `NAMES`.
+        mounts: Folders of this computer, by the path where the container's programs see them.
+    Raises:
+        Missing: this computer cannot build images; the text says what to do.
+        BedError: the build failed.
+    """
+    with _builder(ROOT) as builder:
+        _prepare_computer()
+        tag = builder.built(name)
+    with container(builder.store, tag, mounts) as running:
+        yield running
+
+
+def build_again(name: str, archive: Path) -> None:
+    """Build an image that is there once more, without any layer of the first time.
+
+    Args:
+        name: One of `NAMES`.
+        archive: Where the second one goes, as an OCI archive.
+    """
+    tag = f"localhost/fleet-computer/again:{name}"
+    with _builder(ROOT) as builder:
+        builder.build(name, tag, fresh=True)
+        builder.store.write(tag, reference(name), archive)
+        builder.store.run("rmi", tag)
+
+
+@contextmanager
+def _builder(root: Path) -> Iterator[_Builder]:
+    """The only builder that works on the cache: workers of a parallel test run share it."""
+    folder = cache_folder()
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "lock").open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield _Builder(folder, root)
+
+
 class _Builder:
-    """Builds an image after the one that it stands on."""
+    """Builds an image after those that it needs."""
 
     def __init__(self, folder: Path, root: Path) -> None:
         self._folder, self._root = folder, root
+        self._digests: dict[str, str] = {}
+        self.store = Buildah(folder / "store")
 
     def archive(self, name: str) -> Path:
         if not (self._folder / "debian.sha256").exists():
@@ -88,38 +130,45 @@ class _Builder:
         path = self._folder / f"{name}-{self._digest(name)}.tar"
         if not path.exists():
             _prepare_computer()
-            store = Buildah(self._folder / "store")
-            store.write(self._built(store, name), reference(name), path)
+            self.store.write(self.built(name), reference(name), path)
             for old in sorted(self._folder.glob(f"{name}-*.tar"), key=lambda file: file.stat().st_mtime)[:-2]:
                 old.unlink()  # one older version stays: of the branch that someone has just come from
         return path
 
     def _digest(self, name: str) -> str:
-        parents = [self._digest(parent) for parent in PARENTS.get(name, {}).values()]
-        below = "".join(parents) or debian.root_file_system(self._folder / "debian.tar")
-        return digest(name, below, self._root)
+        """Digest of an image's inputs, of which a copy is kept: somebody may be editing them."""
+        if name not in self._digests:
+            parents = [self._digest(parent) for parent in PARENTS.get(name, {}).values()]
+            below = "".join(parents) or debian.root_file_system(self._folder / "debian.tar")
+            stage(name, self._context(name), self._root)
+            self._digests[name] = digest(name, below, self._context(name))
+        return self._digests[name]
 
-    def _built(self, store: Buildah, name: str) -> str:
-        """Name in the store; it has the digest, so that a name never means two things."""
+    def _context(self, name: str) -> Path:
+        return self._folder / "store" / "contexts" / name
+
+    def built(self, name: str) -> str:
+        """Name of an image in the store, built if need be; it has the digest, so that it never means two things."""
         repository, version = f"localhost/fleet-computer/{name}", self._digest(name)
         tag = f"{repository}:{version}"
-        if store.has(tag):
-            return tag
-        arguments = {key: self._built(store, parent) for key, parent in PARENTS.get(name, {}).items()}
-        context = self._folder / "store" / f"context-{name}"
-        stage(name, context, self._root)
-        with build_secrets() as secrets:
-            store.build(
-                tag, context, f"containers/{name}/Containerfile", arguments or {"BASE": self._debian(store)}, secrets
-            )
-        shutil.rmtree(context)
-        store.keep_only(repository, version)
+        if not self.store.has(tag):
+            self.build(name, tag)
+            self.store.keep_only(repository, version)
         return tag
 
-    def _debian(self, store: Buildah) -> str:
+    def build(self, name: str, tag: str, fresh: bool = False) -> None:
+        """Build an image, from nothing if it is to be fresh, after those that it needs."""
+        parents = {key: self.built(parent) for key, parent in PARENTS.get(name, {}).items()}
+        self._digest(name)
+        arguments = parents or {"BASE": self._debian()}
+        recipe = Recipe(self._context(name), f"containers/{name}/Containerfile", arguments)
+        with build_secrets() as secrets:
+            self.store.build(tag, recipe, secrets, fresh)
+
+    def _debian(self) -> str:
         tag = f"{_DEBIAN}-{debian.root_file_system(self._folder / 'debian.tar')[:20]}"
-        if not store.has(tag):
-            store.take_in(self._folder / "debian.tar", tag)
+        if not self.store.has(tag):
+            self.store.take_in(self._folder / "debian.tar", tag)
         return tag
 
 
@@ -137,14 +186,6 @@ def _prepare_computer() -> None:
         done = subprocess.run(["apt-get", *command], check=False, capture_output=True, text=True, env=environment)
         if done.returncode:
             raise Missing(f"{' and '.join(missing)} cannot be installed: {done.stderr.strip()[-500:]}")
-
-
-@contextmanager
-def _alone(lock: Path) -> Iterator[None]:
-    """Hold a file's lock: the workers of a parallel test run share the cache."""
-    with lock.open("w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield
 
 
 def main(names: list[str]) -> int:

@@ -30,8 +30,8 @@ class KubernetesCluster:
         self._transport = transport
         self._memory = memory
         self._recorder = recorder
-        # What is not watched is remembered instead, by the uid of its owner, so that it can be forgotten with it.
-        self._applied: dict[str, dict[tuple[Kind, ObjectRef], str]] = {}
+        # What is not watched is remembered instead: its hash, and the uid of its owner, with which it is forgotten.
+        self._applied: dict[tuple[Kind, ObjectRef], tuple[str, str]] = {}
 
     def fleets(self) -> tuple[ObjectRef, ...]:
         """All FleetSpecs, from memory."""
@@ -62,8 +62,8 @@ class KubernetesCluster:
         """Have an object as this manifest says; False when the hash that was last seen or applied is the same."""
         kind, ref = kind_of(manifest), ObjectRef.of(manifest)
         digest, watched = applied_hash(manifest), self._memory.watches(manifest, kind)
-        owned = self._applied.setdefault(_owner_uid(manifest), {})
-        if digest == (self._seen_hash(kind, ref) if watched else owned.get((kind, ref))):
+        applied, _ = self._applied.get((kind, ref), ("", ""))
+        if digest == (self._seen_hash(kind, ref) if watched else applied):
             return False
         path = kind.path(ref.namespace, ref.name)
         body = await self._transport.send(Call("patch", path, marked(manifest, digest), _AS_APPLIED, APPLY))
@@ -72,7 +72,7 @@ class KubernetesCluster:
         if "deletionTimestamp" in body["metadata"]:
             raise Conflict(f"{kind.kind} {ref} is being deleted; it can be applied when it is gone", "Terminating")
         if not watched:
-            owned[kind, ref] = digest
+            self._applied[kind, ref] = (digest, _owner_uid(manifest))
         return True
 
     async def apply_status(self, kind: Kind, ref: ObjectRef, status: Manifest) -> bool:
@@ -110,10 +110,10 @@ class KubernetesCluster:
             answer = await self._transport.send(Call("delete", kind.path(ref.namespace, ref.name), body))
         except (NotFound, Conflict):
             answer = {}
+        self._applied.pop((kind, ref), None)
         if not self._memory.knows(kind):
-            for owned in self._applied.values():
-                owned.pop((kind, ref), None)
-        elif "deletionTimestamp" in answer.get("metadata", {}) and self._memory.watches(answer, kind):
+            return
+        if "deletionTimestamp" in answer.get("metadata", {}) and self._memory.watches(answer, kind):
             self._memory.put(kind, answer)
         else:
             self._memory.forget(kind, ref, uid)
@@ -152,7 +152,7 @@ class KubernetesCluster:
 
     def forget_owner(self, uid: str) -> None:
         """A FleetSpec is gone: what was applied for it is no longer remembered."""
-        self._applied.pop(uid, None)
+        self._applied = {key: (digest, owner) for key, (digest, owner) in self._applied.items() if owner != uid}
 
     def _seen_hash(self, kind: Kind, ref: ObjectRef) -> str:
         entry: Any = self._memory.store(kind).get(ref)

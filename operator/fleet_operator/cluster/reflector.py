@@ -100,11 +100,12 @@ class Reflector:
             refs.append(ObjectRef.of(body))
         return refs
 
-    async def run(self, listed: Callable[[], None]) -> None:
+    async def run(self, listed: Callable[[], None], lost: Callable[[], None]) -> None:
         """List and watch until cancelled.
 
         Args:
             listed: Told when the memory is right for the first time, or the scope was found to be forbidden.
+            lost: Told when the place in history is lost; that of other watches is lost then, too, as a rule.
         """
         failures = 0
         while True:
@@ -117,6 +118,7 @@ class Reflector:
             except Gone:
                 log.info("%s: the place in history is lost, listing again", self.scope)
                 self._version = ""
+                lost()
             except ClusterError as error:
                 failures += 1
                 self._failed(error, failures, listed)

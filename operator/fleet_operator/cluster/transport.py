@@ -24,6 +24,8 @@ JSON = "application/json"
 
 FIRST_PAUSE_S = 0.2
 LONGEST_PAUSE_S = 8.0
+CLOSING_ROUNDS = 5
+"""Rounds of the event loop in which connections with TLS are closed after the session (aiohttp, Graceful shutdown)."""
 _FAULTS = (aiohttp.ClientError, TimeoutError, ssl.SSLError, OSError)
 _METHODS = {"get": "GET", "list": "GET", "create": "POST", "update": "PUT", "patch": "PATCH", "delete": "DELETE"}
 
@@ -91,7 +93,8 @@ class Transport:
         if self._session is not None:
             await self._session.close()
             self._session = None
-            await asyncio.sleep(0)  # connections with TLS are closed in the loop's next round
+            for _round in range(CLOSING_ROUNDS):
+                await asyncio.sleep(0)
 
     async def send(self, call: Call) -> dict[str, Any]:
         """The API server's answer.
@@ -162,8 +165,11 @@ class Transport:
                 status = answer.status
                 if status >= 400:
                     raise refusal(f"watch {path}", status, await answer.read(), "")
-                async for lines in _lines(answer.content):
-                    yield lines
+                try:
+                    async for lines in _lines(answer.content):
+                        yield lines
+                finally:
+                    _hang_up(answer)
         except _FAULTS as error:
             raise Unavailable(f"watch {path}: {_said(error)}") from error
         finally:
@@ -196,6 +202,13 @@ async def _lines(content: aiohttp.StreamReader) -> AsyncIterator[list[bytes]]:
         *lines, rest = (rest + chunk).split(b"\n")
         if lines:
             yield lines
+
+
+def _hang_up(answer: aiohttp.ClientResponse) -> None:
+    """End a watch without TLS's long farewell, which would outlive the event loop."""
+    connection = answer.connection
+    if connection is not None and connection.transport is not None:
+        connection.transport.abort()
 
 
 def _object(call: Call, content: bytes) -> dict[str, Any]:

@@ -54,7 +54,7 @@ class Watches:
         """Watch until cancelled."""
         async with asyncio.TaskGroup() as tasks:
             for reflector in self._built_in:
-                tasks.create_task(reflector.run(partial(self._listed, reflector.scope)))
+                tasks.create_task(reflector.run(partial(self._listed, reflector.scope), self._doubt))
             for reflector in self._custom:
                 tasks.create_task(self._verify(reflector))
 
@@ -114,6 +114,10 @@ class Watches:
                 await asyncio.sleep(self._transport.pause_s(failures))
             else:
                 return
+
+    def _doubt(self) -> None:
+        for doubt in self._doubts.values():
+            doubt.set()
 
     def _reflector(self, scope: Scope) -> Reflector:
         self._waiting.add(scope)

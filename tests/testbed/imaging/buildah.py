@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import io
 import json
@@ -9,10 +10,27 @@ import os
 import shutil
 import subprocess
 import tarfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from tests.testbed.errors import BedError
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What an image is made from.
+
+    Args:
+        context: Folder with all of it.
+        containerfile: Path in the context.
+        arguments: Build arguments; `BASE` is the name of the image that it stands on.
+    """
+
+    context: Path
+    containerfile: str
+    arguments: Mapping[str, str]
 
 
 class Buildah:
@@ -26,22 +44,37 @@ class Buildah:
         self._folder = folder
         folder.mkdir(parents=True, exist_ok=True)
 
+    @property
+    def environment(self) -> dict[str, str]:
+        """What buildah is run with."""
+        scratch = self._folder / "tmp"
+        scratch.mkdir(exist_ok=True)
+        return {**os.environ, "TMPDIR": str(scratch), "BUILDAH_ISOLATION": "chroot"}
+
+    def command(self, *arguments: str) -> list[str]:
+        """buildah with this store."""
+        where = ["--root", str(self._folder / "root"), "--runroot", str(self._folder / "run")]
+        return ["buildah", *where, "--storage-driver", "overlay", *arguments]
+
     def run(self, *arguments: str) -> str:
         """Run buildah; returns its standard output.
 
         Raises:
             BedError: it failed; the text has the end of what it said.
         """
-        where = ["--root", str(self._folder / "root"), "--runroot", str(self._folder / "run")]
-        scratch = self._folder / "tmp"
-        scratch.mkdir(exist_ok=True)
-        environment = {**os.environ, "TMPDIR": str(scratch), "BUILDAH_ISOLATION": "chroot"}
-        command = ["buildah", *where, "--storage-driver", "overlay", *arguments]
-        done = subprocess.run(command, check=False, capture_output=True, text=True, env=environment)
+        command = self.command(*arguments)
+        done = subprocess.run(command, check=False, capture_output=True, text=True, env=self.environment)
         if done.returncode:
             said = "\n".join((done.stdout + done.stderr).splitlines()[-30:])
             raise BedError(f"buildah {arguments[0]} failed:\n{said}")
         return done.stdout
+
+    @contextmanager
+    def in_use(self) -> Iterator[None]:
+        """Keep other processes from removing images."""
+        with (self._folder / "in-use").open("w") as file:
+            fcntl.flock(file, fcntl.LOCK_SH)
+            yield
 
     def has(self, name: str) -> bool:
         """Whether there is an image of this name."""
@@ -49,9 +82,15 @@ class Buildah:
 
     def keep_only(self, name: str, tag: str) -> None:
         """Remove all images of this name with other tags, and the layers that no image has any more."""
-        listed = self.run("images", "--format", "{{.Name}}:{{.Tag}}", "--filter", f"reference={name}")
-        for other in set(listed.split()) - {f"{name}:{tag}"}:
-            self.run("rmi", "--force", other)  # with the containers that a build which was broken off has left
+        with (self._folder / "in-use").open("w") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                return  # the next build will do it
+            listed = self.run("images", "--format", "{{.Name}}:{{.Tag}}", "--filter", f"reference={name}")
+            for other in set(listed.split()) - {f"{name}:{tag}"}:
+                self.run("rmi", "--force", other)  # with the containers that a build which was broken off has left
+            self.run("rmi", "--prune")
 
     def take_in(self, tarball: Path, name: str) -> None:
         """Make an image of one layer from a tarball of a root file system."""
@@ -62,22 +101,20 @@ class Buildah:
         finally:
             self.run("rm", container)
 
-    def build(
-        self, name: str, context: Path, containerfile: str, arguments: Mapping[str, str], secrets: Mapping[str, Path]
-    ) -> None:
+    def build(self, name: str, recipe: Recipe, secrets: Mapping[str, Path], fresh: bool = False) -> None:
         """Build an image; layers that were built before are taken from the store.
 
         Args:
             name: What it is called in the store.
-            context: Folder with all that it is made from.
-            containerfile: Path in the context.
-            arguments: Build arguments; `BASE` is the name of the image that it stands on.
+            recipe: What it is made from.
             secrets: Files that its build may read, by id; they are in no layer.
+            fresh: Build every layer anew.
         """
         given = [word for key, path in secrets.items() for word in ("--secret", f"id={key},src={path}")]
-        options = ["--layers", "--pull=never", "--quiet", "--timestamp", "0", "--identity-label=false"]
-        given += [word for key, value in arguments.items() for word in ("--build-arg", f"{key}={value}")]
-        self.run("build", *options, *given, "--file", str(context / containerfile), "--tag", name, str(context))
+        options = ["--no-cache" if fresh else "--layers", "--pull=never", "--quiet", "--timestamp", "0"]
+        given += [word for key, value in recipe.arguments.items() for word in ("--build-arg", f"{key}={value}")]
+        where = ["--file", str(recipe.context / recipe.containerfile), "--tag", name, str(recipe.context)]
+        self.run("build", *options, "--identity-label=false", *given, *where)
 
     def write(self, name: str, reference: str, archive: Path) -> None:
         """Write an image as an OCI archive for `ctr images import`, with uncompressed layers.
