@@ -70,11 +70,11 @@ def results(figures: Figures, fleets: int) -> list[Result]:
     return found
 
 
-def run(fleets: int = FLEETS, nodes: int = FLEETS, samples: int = 30) -> list[Result]:
+def run(fleets: int = FLEETS, nodes: int = FLEETS, samples: int = 30, pods: bool = True) -> list[Result]:
     memory = Path("/dev/shm")
     folder = Path(tempfile.mkdtemp(prefix="fleet-bench-", dir=memory if os.access(memory, os.W_OK) else None))
     try:
-        return results(asyncio.run(live(folder, fleets, nodes, samples)), fleets)
+        return results(asyncio.run(live(folder, fleets, nodes, samples, pods)), fleets)
     finally:
         if not os.environ.get("FLEET_BENCH_KEEP"):
             shutil.rmtree(folder)
@@ -85,12 +85,14 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--fleets", type=int, default=FLEETS)
     parser.add_argument("--nodes", type=int, default=FLEETS)
     parser.add_argument("--samples", type=int, default=30, help="of the time to effect")
+    parser.add_argument("--without-pods", action="store_true", help="Jobs are ended by the roles: no KWOK, faster")
     given = parser.parse_args(arguments)
     from rich.console import Console  # noqa: PLC0415 - only here
 
     from bench.run import table_of  # noqa: PLC0415 - it imports this module by name
 
-    Console(width=None if sys.stdout.isatty() else 140).print(table_of(run(given.fleets, given.nodes, given.samples)))
+    found = run(given.fleets, given.nodes, given.samples, not given.without_pods)
+    Console(width=None if sys.stdout.isatty() else 140).print(table_of(found))
     return 0
 
 

@@ -23,6 +23,7 @@ from fleet_operator.resources.refs import FLEET_SPEC, JOB, SERVICE, kind_of
 _BUSIEST_S = 5.0
 _REST_S = 60.0
 _QUIET_S = 5.0
+_LEASE_WRITES = 10
 _FLOOR_FLEETS = 300
 _PATIENCE_S = 1800.0
 _RESUMED, _STARTED = "all fleets resumed at once", "a start with all fleets evaluated"
@@ -64,11 +65,11 @@ class Figures:
     load: list[float] = field(default_factory=list)
 
 
-async def live(folder: Path, fleets: int, nodes: int, samples: int) -> Figures:
+async def live(folder: Path, fleets: int, nodes: int, samples: int, pods: bool = True) -> Figures:
     """Live through all of it."""
     figures = Figures()
     figures.load.append(os.getloadavg()[0])
-    async with site(folder, nodes, fleets) as place, Client(place.plane.kubeconfig) as client:
+    async with site(folder, nodes, fleets, pods) as place, Client(place.plane.kubeconfig) as client:
         _say(f"{nodes} machines are ready")
         life = Life(place, client, fleets, figures)
         async with life.operator() as meter:
@@ -168,8 +169,9 @@ class Life:
         """The last look before it began to write; the lease and the watches come before."""
         while True:
             await asyncio.sleep(0.05)
-            if len(meter.samples) > 1 and meter.samples[-1].writes > 10:
-                return next(each for each in reversed(meter.samples) if each.writes <= 10)
+            if (await meter.look()).writes > _LEASE_WRITES:
+                idle = [each for each in meter.samples if each.writes <= _LEASE_WRITES]
+                return idle[-1] if idle else meter.samples[0]
 
     async def _burst(self, what: str, counts: tuple[int, int], meter: Meter, first: Sample, before_s: float) -> Sample:
         """Wait for the end of a burst.
@@ -211,13 +213,13 @@ class Life:
         """Objects a second of a client that only sends; what it applied is removed."""
         manifests = [each for index in range(min(self._fleets, _FLOOR_FLEETS)) for each in made(index)]
         taken_s = await self._client.apply_all(manifests)
-        for kind in dict.fromkeys(kind_of(each) for each in manifests):
-            if kind != SERVICE:  # cannot be deleted together; one that is there already is made anew next time
-                await self._client.call("DELETE", f"{kind.path(FLOOR)}?propagationPolicy=Background")
-                continue
-            for each in manifests:
-                if kind_of(each) == SERVICE:
-                    await self._client.call("DELETE", kind.path(FLOOR, each["metadata"]["name"]))
+        services = [each for each in manifests if kind_of(each) == SERVICE]  # which cannot be deleted together
+        async with asyncio.TaskGroup() as tasks:
+            for each in services:
+                path = SERVICE.path(FLOOR, each["metadata"]["name"])
+                tasks.create_task(self._client.call("DELETE", path))
+        for kind in {kind_of(each) for each in manifests} - {SERVICE}:
+            await self._client.call("DELETE", f"{kind.path(FLOOR)}?propagationPolicy=Background")
         _say(f"floor: {len(manifests)} objects in {taken_s:.1f} s, {len(manifests) / taken_s:.0f}/s")
         return len(manifests) / taken_s
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import os
 import re
 import time
@@ -80,9 +81,10 @@ class Meter:
         return sample
 
     async def follow(self) -> None:
-        """Look all the time, until cancelled."""
+        """Look all the time, until cancelled; an operator that is too busy to answer is asked again."""
         while True:
-            await self.look()
+            with contextlib.suppress(RuntimeError, OSError, KeyError):
+                await self.look()
             await asyncio.sleep(_EVERY_S)
 
     @property

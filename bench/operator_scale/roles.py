@@ -8,11 +8,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import sys
+from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from bench.operator_scale.client import Client
+from bench.operator_scale.client import MERGE, Client
 from bench.operator_scale.fleets import NAMESPACE, fleet_spec
 from fleet.functions.contract import AgentMetrics
 from fleet.learning.reward import Normaliser, RewardModel
@@ -21,9 +22,13 @@ from fleet.missions.records import Record
 from fleet.spec.load import parse_fleet_spec
 from fleet.storage.layout import FleetPaths
 from fleet.storage.local import LocalStorage
+from fleet_operator.resources.refs import JOB
 
 WORK_S = 1.4
 """From a pod's start to its documents: after its Job is known to run, and before KWOK ends the pod."""
+HOLD = "hold"
+"""File beside the storage; as long as it is there, no Job ends."""
+_ENDS_AT_ONCE = 16
 _FLEET = parse_fleet_spec(fleet_spec(0)).spec
 _AGENTS = tuple(agent.name for agent in _FLEET.agents.resolved)
 _RUNNING = {"fieldSelector": "status.phase=Running"}
@@ -85,8 +90,8 @@ class Roles:
         self._log = record.to_line()
 
     def work(self, pod: dict[str, Any]) -> None:
-        """Leave what the role of a pod leaves."""
-        main = pod["spec"]["containers"][0]
+        """Leave what the role of a pod leaves, by the `spec` of the pod."""
+        main = pod["containers"][0]
         given = {each["name"]: each.get("value", "") for each in main["env"]}
         paths = FleetPaths(given["FLEET_NAMESPACE"], given["FLEET_NAME"])
         number = int(given.get("FLEET_MISSION", "0"))
@@ -122,15 +127,49 @@ class Roles:
         self._storage.write(paths.weights(number + 1), self._weights[number])
 
 
-async def serve(kubeconfig: Path, folder: Path) -> None:
-    """Until killed."""
-    roles, loop = Roles(LocalStorage(folder)), asyncio.get_running_loop()
+async def serve(kubeconfig: Path, roles: Roles) -> None:
+    """Work for pods that run; until killed."""
+    loop = asyncio.get_running_loop()
     async with Client(kubeconfig) as client:
         async for event in client.watch(f"/api/v1/namespaces/{NAMESPACE}/pods", _RUNNING):
             if event["type"] == "ADDED":
-                loop.call_later(WORK_S, roles.work, event["object"])
+                loop.call_later(WORK_S, roles.work, event["object"]["spec"])
+
+
+async def serve_jobs(kubeconfig: Path, roles: Roles, order: Path) -> None:
+    """Work for Jobs, and end them; until killed. Nothing ends as long as the file `order` is there."""
+    ends: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+    loop = asyncio.get_running_loop()
+    async with Client(kubeconfig) as client, asyncio.TaskGroup() as tasks:
+        for _ in range(_ENDS_AT_ONCE):
+            tasks.create_task(_end_jobs(client, roles, ends, order))
+        async for event in client.watch(JOB.path(NAMESPACE), {}):
+            job = event["object"]
+            if event["type"] == "ADDED" and not job["spec"].get("suspend"):
+                loop.call_later(WORK_S, ends.put_nowait, job)
+
+
+async def _end_jobs(client: Client, roles: Roles, ends: asyncio.Queue[dict[str, Any]], order: Path) -> None:
+    while True:
+        job = await ends.get()
+        while order.exists():
+            await asyncio.sleep(0.2)
+        roles.work(job["spec"]["template"]["spec"])
+        now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+        conditions = [
+            {"type": kind, "status": "True", "reason": "CompletionsReached", "lastProbeTime": now,
+             "lastTransitionTime": now}
+            for kind in ("SuccessCriteriaMet", "Complete")
+        ]  # fmt: skip
+        counts = {"active": 0, "ready": 0, "terminating": 0, "succeeded": 1, "uncountedTerminatedPods": {}}
+        status = {**counts, "startTime": now, "completionTime": now, "conditions": conditions}
+        await client.call("PATCH", f"{JOB.path(NAMESPACE, job['metadata']['name'])}/status", {"status": status}, MERGE)
 
 
 if __name__ == "__main__":
+    folder = Path(sys.argv[2])
+    works = Roles(LocalStorage(folder))
+    given = Path(sys.argv[1])
+    serving = serve(given, works) if sys.argv[3] == "pods" else serve_jobs(given, works, folder.parent / HOLD)
     with contextlib.suppress(KeyboardInterrupt):
-        asyncio.run(serve(Path(sys.argv[1]), Path(sys.argv[2])))
+        asyncio.run(serving)

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from signal import SIGCONT, SIGSTOP
 
-from bench.operator_scale.client import Client
+from bench.operator_scale.client import MERGE, Client
 from bench.operator_scale.fleets import FLOOR, NAMESPACE, write_library
+from bench.operator_scale.roles import HOLD
 from fleet.storage.local import LocalStorage
 from fleet_operator.compiler.fleet import priority_classes
 from tests.testbed.binaries import tool
@@ -33,6 +34,9 @@ FLAGS = {
         "--terminated-pod-gc-threshold=200000",
     ]
 }
+
+_ROOM = {"cpu": "8", "memory": "16Gi", "pods": "110"}
+_STATUS = {"conditions": [{"type": "Ready", "status": "True"}], "allocatable": _ROOM, "capacity": _ROOM}
 
 
 @dataclass(frozen=True)
@@ -73,11 +77,14 @@ class Site:
     @contextmanager
     def stopped(self) -> Iterator[None]:
         """Nobody works on new objects: operator and floor have the API server for themselves."""
+        hold = self.folder / HOLD
+        hold.touch()
         for program in self.followers:
             program.signal(SIGSTOP)
         try:
             yield
         finally:
+            hold.unlink()
             for program in self.followers:
                 program.signal(SIGCONT)
 
@@ -88,34 +95,38 @@ def _profiled(folder: Path) -> list[str]:
 
 
 @asynccontextmanager
-async def site(folder: Path, nodes: int, fleets: int) -> AsyncIterator[Site]:
+async def site(folder: Path, nodes: int, fleets: int, pods: bool) -> AsyncIterator[Site]:
     """Everything but the operator, as long as the context.
 
     Args:
         folder: In memory, best of all.
+        pods: Whether there are controllers, a scheduler and KWOK, so that Jobs have pods. Without, the roles end Jobs.
     """
     write_library(folder / "library", fleets)
     ports = Ports()
-    with control_plane(folder / "plane", scheduler=True, flags=FLAGS) as plane:
+    with control_plane(folder / "plane", controllers=pods, scheduler=pods, flags=FLAGS) as plane:
         for crd in sorted((ROOT / "crds").glob("*.yaml")):
             plane.kubectl("apply", "--server-side", "-f", str(crd))
         plane.apply(*priority_classes())
         plane.kubectl("wait", "--for=condition=Established", "crd", "--all")
         for name in (NAMESPACE, FLOOR):
             plane.kubectl("create", "namespace", name)
-        kwok = _kwok(plane, folder, ports.take())
-        kwok.start()
+        followers = [*plane.controllers.values()]
+        if pods:
+            followers.append(_kwok(plane, folder, ports.take()))
+            followers[-1].start()
         path = os.pathsep.join([str(ROOT), str(ROOT / "operator")])
         storage = LocalStorage(folder / "storage")
-        command = [sys.executable, "-m", "bench.operator_scale.roles", str(plane.kubeconfig), str(folder / "storage")]
-        roles = Program(command, folder / "roles.log", {"PYTHONPATH": path})
+        command = [sys.executable, "-m", "bench.operator_scale.roles", str(plane.kubeconfig), str(storage.root)]
+        roles = Program([*command, "pods" if pods else "jobs"], folder / "roles.log", {"PYTHONPATH": path})
         roles.start()
         try:
-            await _make_nodes(plane, nodes)
-            yield Site(plane, folder, storage, (*plane.controllers.values(), kwok), ports)
+            await _make_nodes(plane, nodes, pods)
+            yield Site(plane, folder, storage, tuple(followers), ports)
         finally:
             roles.kill()
-            kwok.kill()
+            for program in followers[-1:] if pods else []:
+                program.kill()
             ports.close()
 
 
@@ -125,7 +136,7 @@ def _kwok(plane: ControlPlane, folder: Path, port: int) -> Program:
     return Program([tool("kwok"), *flags], folder / "kwok.log")
 
 
-async def _make_nodes(plane: ControlPlane, nodes: int) -> None:
+async def _make_nodes(plane: ControlPlane, nodes: int, pods: bool) -> None:
     limit = asyncio.Semaphore(_AT_ONCE)
     async with Client(plane.kubeconfig) as client:
 
@@ -135,9 +146,11 @@ async def _make_nodes(plane: ControlPlane, nodes: int) -> None:
             body = {"apiVersion": "v1", "kind": "Node", "metadata": {"name": name, "labels": labels}}
             async with limit:
                 await client.call("POST", "/api/v1/nodes", body)
+                if not pods:  # then nobody says how it is
+                    await client.call("PATCH", f"/api/v1/nodes/{name}/status", {"status": _STATUS}, MERGE)
 
         await asyncio.gather(*(make(index) for index in range(nodes)))
-        while True:
+        while pods:
             listed = await client.call("GET", "/api/v1/nodes")
             able = [node for node in listed["items"] if not node["spec"].get("taints") and _is_ready(node["status"])]
             if len(able) == nodes:

@@ -37,7 +37,7 @@ class _Known:
         size_bytes: All that was acknowledged, or read.
         ours: This process has made the file, so that no append of an earlier writer can still reach it.
         node: Where the last append was sent to.
-        doubtful: Appends after `size_bytes` that were not acknowledged.
+        doubtful: Appends that were not acknowledged: one of them, or a part of it, may be after `size_bytes`.
     """
 
     size_bytes: int
@@ -138,6 +138,7 @@ class Appends:
             self._put(path, _Known(-1))  # until it is read again
             raise
         if data or content is None:
+            self._put(path, replace(known, size_bytes=len(base), doubtful=(*known.doubtful, data)))
             self._files.replace(path, base + data)
             self.was_made(path, len(base) + len(data))
 

@@ -179,7 +179,8 @@ class HdfsStorage:
         try:
             yield
         except Refused as refused:
-            raise Act(verb, path, self.address, changes).error(refused, self.patience_s) from refused
+            room = self._files.door.room() if refused.fate is Fate.NO_NODES else []
+            raise Act(verb, path, self.address, changes).error(refused, self.patience_s, room) from refused
         except Changed as changed:
             raise StorageError(
                 f"cannot append to {path} in {self.uri}: another process has written to it since this one last looked; "

@@ -128,6 +128,7 @@ class HdfsFiles:
     def avoiding(self, avoid: set[str], refused: Refused) -> set[str]:
         """The DataNodes to avoid after a refusal: none when it is the NameNode's own, as it may have none left."""
         if not refused.node:
+            self._silent.clear()
             return set()
         if refused.fate is not Fate.PASSING:
             return avoid

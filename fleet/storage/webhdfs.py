@@ -6,6 +6,7 @@ which takes or gives the data.
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import queue
@@ -76,6 +77,11 @@ class _Client(Client):  # type: ignore[misc]
         headers = {"Content-Type": "application/octet-stream"} | ({"Expect": "100-continue"} if data else {})
         session: requests.Session = self._session
         return session.request(method, url, data=data, headers=headers, timeout=(CONNECT_S, TAKEN_S))
+
+    def jmx(self, bean: str) -> requests.Response:
+        """What the active NameNode says of itself."""
+        session: requests.Session = self._session
+        return session.get(f"{self._urls[0]}/jmx", params={"qry": bean}, timeout=(CONNECT_S, ANSWER_S))
 
     def _request(self, method: str, url: str, **kwargs: Any) -> requests.Response:
         if "params" in kwargs:  # a NameNode; the address of a DataNode has everything in it
@@ -160,6 +166,18 @@ class WebHdfs:
             return [Block(int(one["length"]), tuple(one["hosts"])) for one in found]
 
         return _parsed(answer, parse)
+
+    def room(self) -> list[int]:
+        """Bytes free on each DataNode that the NameNode takes for alive; empty when it does not tell."""
+        bean = "Hadoop:service=NameNode,name=NameNodeInfo"
+
+        def parse(document: dict[str, Any]) -> list[int]:
+            return [int(node["remaining"]) for node in json.loads(document["beans"][0]["LiveNodes"]).values()]
+
+        try:
+            return _parsed(self._call(lambda client: client.jmx(bean)), parse)
+        except (Refused, IndexError):
+            return []
 
     def _send(self, method: str, url: str, data: bytes) -> None:
         self._call(lambda client: client.send(method, url, data))

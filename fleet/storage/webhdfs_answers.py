@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum, auto
 
 from fleet.errors import ObjectNotFound, StorageError, StorageFull, StorageReadOnly, StorageUnavailable
 from fleet.storage.webhdfs_address import WebHdfsAddress
+
+ROOM_BYTES = 256 << 20
+"""A DataNode with this much space takes a block of the usual size."""
 
 
 class Fate(StrEnum):
@@ -116,11 +120,12 @@ class Act:
     address: WebHdfsAddress
     changes: bool = False
 
-    def error(self, refused: Refused, patience_s: float) -> StorageError:
+    def error(self, refused: Refused, patience_s: float, room: Sequence[int] = ()) -> StorageError:
         """The error that tells what to do about a refusal.
 
         Args:
             patience_s: How long it was tried.
+            room: Bytes free on each DataNode, where they took no block and the NameNode tells.
         """
         said = refused.text.strip().partition("\n")[0].rstrip(".")  # the rest are names of Java methods
         kind: type[StorageError] = StorageError
@@ -132,7 +137,7 @@ class Act:
             case Fate.FULL:
                 kind, advice = StorageFull, f"free space or raise the quota (hdfs dfsadmin -setSpaceQuota) {_SAFE}"
             case Fate.NO_NODES:
-                kind, advice = self._without_nodes(said)
+                kind, advice = self._without_nodes(said, room)
             case Fate.DENIED if self.changes:
                 kind = StorageReadOnly
                 advice = f"make the directory writable for user {self._user}, or choose another storage address"
@@ -152,13 +157,22 @@ class Act:
                 kind, advice = StorageUnavailable, f"tried for {patience_s:g} s: check the {whom}, then try again"
         return kind(f"cannot {self.verb} {self.path} in {self.address}: {said}; {advice}")
 
-    def _without_nodes(self, said: str) -> tuple[type[StorageError], str]:
-        """DataNodes that run but are not used have no space; HDFS says no more than how many there are."""
-        running = re.search(r"There are (\d+) datanode\(s\) running", said)
-        if running and int(running[1]) >= self.address.replication:
-            advice = f"free space or raise the quota, or add DataNodes: of those that run, too few have space {_SAFE}"
-            return StorageFull, advice
-        return StorageUnavailable, f"start DataNodes until {self.address.replication} run"
+    def _without_nodes(self, said: str, room: Sequence[int]) -> tuple[type[StorageError], str]:
+        """No block is taken where machines are gone and where they are full; HDFS says it in the same words."""
+        copies = self.address.replication
+        counted = re.search(r"There are (\d+) datanode\(s\) running", said)
+        running = len(room) or (int(counted[1]) if counted else 0)
+        if running < copies:
+            return StorageUnavailable, f"start DataNodes until {copies} run"
+        if sum(free >= ROOM_BYTES for free in room) >= copies:
+            return (
+                StorageUnavailable,
+                "one that HDFS takes for alive is gone or cannot be reached: start it, then try again",
+            )
+        return (
+            StorageFull,
+            f"free space or raise the quota, or add DataNodes: of those that run, too few have space {_SAFE}",
+        )
 
     @property
     def _user(self) -> str:

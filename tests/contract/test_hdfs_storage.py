@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
-from typing import Any
+from functools import partial
+from typing import Any, TypeVar
 from uuid import uuid4
 
 import pytest
@@ -24,6 +25,7 @@ from tests.contract.storage_contract import StorageContract
 from tests.testbed.hdfs import HdfsCluster
 
 pytestmark = pytest.mark.xdist_group("hdfs")
+T = TypeVar("T")
 
 
 @contextmanager
@@ -135,25 +137,32 @@ def test_what_a_killed_writer_left_is_not_listed_and_goes_in_time(
 # answers that get lost
 
 
+@pytest.mark.parametrize("patience_s", [0.0, 30.0])
 @pytest.mark.parametrize("arrives", [False, True])
 def test_any_lost_request_or_answer_changes_nothing(
-    storage: HdfsStorage, monkeypatch: pytest.MonkeyPatch, arrives: bool
+    storage: HdfsStorage, monkeypatch: pytest.MonkeyPatch, arrives: bool, patience_s: float
 ) -> None:
     calls = Calls(WebHdfs._call)
     monkeypatch.setattr(WebHdfs, "_call", lambda door, ask: calls(door, ask, arrives=arrives))
     rounds = 0
-    while calls.lost is not None or rounds == 0:
+    while calls.lost or rounds == 0:
         calls.lose(rounds)
-        work = HdfsStorage(replace(storage.address, root=f"{storage.address.root}/{rounds}"))
-        work.write("a", b"1")
+        work = HdfsStorage(replace(storage.address, root=f"{storage.address.root}/{rounds}"), patience_s)
+        insist(partial(work.write, "a", b"1"))
         for line in (b"one\n", b"two\n", b"three\n"):
-            work.append("log", line)
-        work.write("a", b"22")
-        work.delete("b/c")
-        assert (work.read("a"), work.read("log"), work.exists("b")) == (b"22", b"one\ntwo\nthree\n", False)
-        assert [entry.path for entry in work.list("")] == ["a", "log"]
+            insist(partial(work.append, "log", line))
+        insist(partial(work.delete, "a"))
+        assert insist(partial(work.read, "log")) == b"one\ntwo\nthree\n"
+        assert insist(partial(work.list, "")) == [Entry("log", 14)]
         rounds += 1
-    assert rounds > 15
+    assert rounds > 10
+
+
+def insist(act: Callable[[], T]) -> T:
+    """Trying again is safe, the port says."""
+    while True:
+        with suppress(StorageUnavailable):
+            return act()
 
 
 class Calls:
@@ -162,16 +171,16 @@ class Calls:
     def __init__(self, call: Callable[[WebHdfs, Any], Any]) -> None:
         self._call = call
         self._left = 0
-        self.lost: int | None = None
+        self.lost = False
 
     def lose(self, number: int) -> None:
-        self._left, self.lost = number, None
+        self._left, self.lost = number, False
 
     def __call__(self, door: WebHdfs, ask: Any, *, arrives: bool) -> Any:
         self._left -= 1
         if self._left != -1:
             return self._call(door, ask)
-        self.lost = 1
+        self.lost = True
         if arrives:
             self._call(door, ask)
         raise Refused(Fate.PASSING, "the cable was cut")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import socket
 from pathlib import Path
@@ -98,6 +99,23 @@ def test_a_refusal_says_what_to_change(answer: Answer, error: type[StorageError]
     with namenode(answer) as stand_in:
         with pytest.raises(error, match=advice) as caught:
             storage_at(stand_in.address, patience_s=0.1).exists("a")
+        assert type(caught.value) is error
+
+
+@pytest.mark.parametrize(
+    ("free", "error", "advice"),
+    [
+        ([10**9, 1000, 1000], StorageFull, "of those that run, too few have space"),
+        ([10**9, 10**9, 1000], StorageUnavailable, "takes for alive is gone or cannot be reached"),
+        ([10**9], StorageUnavailable, "start DataNodes until 2 run"),
+    ],
+)
+def test_whether_datanodes_are_full_or_gone_is_asked(free: list[int], error: type[StorageError], advice: str) -> None:
+    nodes = json.dumps({f"node-{number}:9866": {"remaining": size} for number, size in enumerate(free)})
+    refused = refusal("IOException", f"{WRITTEN_TO} 1 of the 2 minReplication nodes. There are 3 datanode(s) running")
+    with namenode(refused, Answer(200, {"beans": [{"LiveNodes": nodes}]})) as stand_in:
+        with pytest.raises(error, match=advice) as caught:
+            storage_at(stand_in.address, patience_s=0.0).exists("a")
         assert type(caught.value) is error
 
 

@@ -16,6 +16,8 @@ from tests.crash.trial import Kill, Plan, Result, run_trial
 from tests.crash.world import World, cores, world
 from tests.testbed.faults import Moment
 
+MISSIONS = 2
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the kills that are asked for; 1 when one of them left a difference."""
@@ -31,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return faults(place, expected, given.faults)
         kills = chosen(given, expected.writes)
         started_s, failed = time.monotonic(), 0
-        for number, (kill, lines) in enumerate(carry_out(place, expected, kills, "kill"), start=1):
+        for number, (kill, lines) in enumerate(carry_out(place, expected, kills), start=1):
             failed += bool(lines)
             tell(f"{number}/{len(kills)} {kill}", lines)
         say(f"{len(kills)} kills in {time.monotonic() - started_s:.0f} s, {failed} of them left a difference")
@@ -57,7 +59,7 @@ def faults(place: World, expected: Result, wanted: Sequence[str]) -> int:
 
 def _scenario(place: World, expected: Result, scenario: Scenario) -> list[str]:
     started_s = time.monotonic()
-    lines = check(place, expected, Plan(scenario.name, disturb=scenario.disturb), scenario.allowed)
+    lines = check(place, expected, scenario.plan(MISSIONS), scenario.allowed)
     say(f"{scenario.name}: {time.monotonic() - started_s:.0f} s")
     return lines
 

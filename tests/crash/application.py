@@ -1,17 +1,14 @@
-"""The small fleet of the crash tests: one field, two missions, stand-in roles."""
+"""The small fleet of the crash tests: one field, two agents, stand-in roles."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from tests.fleet_runs import spec_document, write_application
 
 FLEET = "plots"
 AGENTS = 2
-MISSIONS = 2
 
 
 def write_library(folder: Path) -> Path:
@@ -20,18 +17,14 @@ def write_library(folder: Path) -> Path:
     return folder
 
 
-def fleet_spec(namespace: str, **changes: Any) -> dict[str, Any]:
+def fleet_spec(namespace: str, missions: int) -> dict[str, Any]:
     """The FleetSpec as a user applies it."""
     document = spec_document(
         agents={"count": AGENTS},
-        missions={"count": MISSIONS, "agentRetries": 3},
+        missions={"count": missions, "agentRetries": 3},
         storage={"onDelete": "Delete"},
-        **changes,
+        # What aggregators share must not change when another run loses a node.
+        scheduling={"cpu": "4", "memory": "4Gi"},
     )
     document["metadata"] = {"name": FLEET, "namespace": namespace}
     return document
-
-
-def as_yaml(namespace: str, **changes: Any) -> str:
-    """The same for `kubectl apply -f -`."""
-    return yaml.safe_dump(fleet_spec(namespace, **changes))

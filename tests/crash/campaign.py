@@ -61,9 +61,9 @@ def problems(expected: Result, found: Result, allowed: Allowed = NOTHING) -> lis
     return lines + [f"left behind: {each}" for each in found.left]
 
 
-def carry_out(world: World, expected: Result, kills: Iterable[Kill], name: str) -> Iterator[tuple[Kill, list[str]]]:
+def carry_out(world: World, expected: Result, kills: Iterable[Kill]) -> Iterator[tuple[Kill, list[str]]]:
     """Run all kills, as many side by side as the world has slots; what went wrong with each, as they end."""
-    plans = [Plan(f"{name}-{index}", kill) for index, kill in enumerate(kills, start=1)]
+    plans = [Plan(f"kill-{index}", kill) for index, kill in enumerate(kills, start=1)]
     with ThreadPoolExecutor(world.slots.qsize()) as pool:
         runs = {pool.submit(check, world, expected, plan): plan.kill for plan in plans}
         for run in as_completed(runs):

@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 import httpx
@@ -27,9 +28,17 @@ class Operator:
 
     Args:
         pod: What a lease knows it by; a container that is started again in its pod is the same.
+        environment: More variables.
     """
 
-    def __init__(self, world: World, slot: Slot, namespace: str, pod: str = "operator-0") -> None:
+    def __init__(
+        self,
+        world: World,
+        slot: Slot,
+        namespace: str,
+        pod: str = "operator-0",
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
         self._ports = Ports()
         self._ready_since_s = 0.0
         self.health_port = self._ports.take()
@@ -44,6 +53,7 @@ class Operator:
             "FLEET_OPERATOR_WATCH_NAMESPACES": namespace,
             "FLEET_OPERATOR_LIBRARY": str(world.library),
             "FLEET_OPERATOR_HEALTH_PORT": str(self.health_port),
+            **(environment or {}),
         })  # fmt: skip
 
     @property
@@ -81,6 +91,14 @@ class Operator:
         """SIGKILL; may be called from any thread, and does not wait."""
         if self._program.pid:
             os.kill(self._program.pid, signal.SIGKILL)
+
+    def freeze(self) -> None:
+        """Let it do nothing, as on a machine that hangs."""
+        self._program.signal(signal.SIGSTOP)
+
+    def thaw(self) -> None:
+        """Let it go on."""
+        self._program.signal(signal.SIGCONT)
 
     def close(self) -> None:
         self._program.kill()

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 
 from fleet_operator.resources import names
 from fleet_operator.resources.roles import Role
-from tests.crash.application import FLEET
+from tests.crash.application import AGENTS, FLEET
 from tests.crash.campaign import NOTHING, Allowed
 from tests.crash.program import Operator, image
-from tests.crash.trial import Trial
+from tests.crash.trial import Plan, Trial
 from tests.testbed.faults import WRITES, Fault, Moment
 
 AGENT = "agent-1"
@@ -43,6 +44,18 @@ def slow_and_cut(trial: Trial) -> None:
     trial.slot.api.faults.append(Fault(share=0.05, reset=True))
     trial.slot.api.faults.append(Fault(method=_SOME_WRITES, share=0.05, reset=True, moment=Moment.AFTER))
     trial.slot.api.faults.append(Fault(delay_s=0.3))
+
+
+def api_storm(trial: Trial) -> None:
+    """All of that at once."""
+    faults = trial.slot.api.faults
+    faults.append(Fault(method=_SOME_WRITES, share=0.1, status=409))
+    faults.append(Fault(share=0.05, status=429, retry_after_s=1))
+    faults.append(Fault(share=0.05, status=500))
+    faults.append(Fault(method=_SOME_WRITES, share=0.05, status=500, moment=Moment.AFTER))
+    faults.append(Fault(share=0.05, reset=True))
+    faults.append(Fault(method=_SOME_WRITES, share=0.05, reset=True, moment=Moment.AFTER))
+    faults.append(Fault(delay_s=0.1))
 
 
 def storage_errors(trial: Trial) -> None:
@@ -89,16 +102,34 @@ def stopped_and_started(trial: Trial) -> None:
 
 def leader_killed(trial: Trial) -> None:
     """Of two operators the one at work is killed in mid-flight, and does not come back."""
-    second = Operator(trial.world, trial.slot, trial.namespace, "operator-1")
+    with _second(trial) as second:
+        trial.hold(AGENT, 1.0)
+        trial.operator.close()
+        trial.operator = second
+
+
+def leader_frozen(trial: Trial) -> None:
+    """It hangs in mid-flight until the other has taken over; when it goes on, it must not write any more."""
+    with _second(trial) as second:
+        trial.hold(AGENT, 1.0)
+        first, trial.operator = trial.operator, second
+        first.freeze()
+        trial.wait_until("the other operator has taken over", lambda: trial.storage.exists(trial.paths.weights(2)))
+        first.thaw()
+        trial.wait_until("the one that hung ends", lambda: not first.running)
+        first.close()
+
+
+@contextmanager
+def _second(trial: Trial) -> Iterator[Operator]:
+    """Another replica, which waits for the lease; it is the trial's own operator in the end."""
+    second = Operator(trial.world, trial.slot, trial.namespace, "operator-1", trial.environment)
     second.start()
     try:
-        trial.hold(AGENT, 1.0)
-        trial.operator.kill()
-        trial.operator, first = second, trial.operator
-        first.close()
-    except BaseException:
-        second.close()
-        raise
+        yield second
+    finally:
+        if trial.operator is not second:
+            second.close()
 
 
 # -- pods, nodes, images, quotas
@@ -178,12 +209,12 @@ def deleted_unheard(trial: Trial) -> None:
 
 
 def everything_restarts(trial: Trial) -> None:
-    """NameNode and a DataNode are killed and come back in the first mission, the API server in the second."""
+    """NameNode and a DataNode are killed in mid-flight, the API server while models are retrained."""
     trial.hold(AGENT, 4.0)
     trial.world.hdfs.stop_datanode(0)
     try:
         trial.world.hdfs.restart_namenode()
-        trial.wait_until("the second mission is ordered", lambda: trial.storage.exists(trial.paths.plan(2)))
+        trial.wait_until("models are retrained", lambda: trial.has_started(Role.AGGREGATOR, 1, "1"))
         trial.world.plane.restart_api_server()
     finally:
         trial.world.hdfs.start_datanode(0)
@@ -212,38 +243,53 @@ class Scenario:
 
     Args:
         alone: No other run goes on meanwhile.
+        quick: Part of `make test`; the rest is in `make crash-test`.
+        environment: More variables of the operator.
     """
 
     disturb: Callable[[Trial], None]
     allowed: Allowed = NOTHING
     alone: bool = False
+    quick: bool = True
+    environment: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
         return self.disturb.__name__.replace("_", "-")
 
+    def plan(self, missions: int) -> Plan:
+        """The run with this fault."""
+        return Plan(self.name, None, self.disturb, missions, self.environment)
+
 
 _WORKFLOW = names.mission_job(Role.WORKFLOW, FLEET, 1, AGENT)
 _TRIED_LESS = Allowed(lost_events=True)
+_SHORT_LEASE = {"FLEET_OPERATOR_LEASE_SECONDS": "6"}
+_FLIGHTS = {
+    names.mission_job(role, FLEET, 1, f"agent-{index + 1}")
+    for role in (Role.SENSOR, Role.WORKFLOW)
+    for index in range(AGENTS)
+}
+_NODE_LOST = Allowed(frozenset({"NodeLost", "Recovered"}), started_again=frozenset(_FLIGHTS))
 SCENARIOS = (
-    Scenario(conflicts, _TRIED_LESS),
-    Scenario(throttled, _TRIED_LESS),
-    Scenario(server_errors, _TRIED_LESS),
-    Scenario(slow_and_cut, _TRIED_LESS),
+    Scenario(api_storm, _TRIED_LESS),
+    Scenario(conflicts, _TRIED_LESS, quick=False),
+    Scenario(throttled, _TRIED_LESS, quick=False),
+    Scenario(server_errors, _TRIED_LESS, quick=False),
+    Scenario(slow_and_cut, _TRIED_LESS, quick=False),
     Scenario(storage_errors, _told("StorageUnavailable")),
-    Scenario(watches_cut),
-    Scenario(watches_stalled),
+    Scenario(watches_cut, quick=False),
+    Scenario(watches_stalled, quick=False),
     Scenario(api_away, _TRIED_LESS),
-    Scenario(stopped_and_started),
-    Scenario(leader_killed),
+    Scenario(stopped_and_started, quick=False),
+    Scenario(leader_killed, environment=_SHORT_LEASE),
+    Scenario(leader_frozen, environment=_SHORT_LEASE, quick=False),
     Scenario(evicted, Allowed(started_again=frozenset({_WORKFLOW}))),
     Scenario(image_missing, _told("ImageMissing")),
     Scenario(quota_exceeded, _told("QuotaExceeded")),
-    Scenario(deleted_in_flight),
+    Scenario(deleted_in_flight, quick=False),
     Scenario(deleted_without_operator),
-    Scenario(deleted_unheard, alone=True),
-    Scenario(
-        node_lost, Allowed(frozenset({"NodeLost", "Recovered"}), started_again=frozenset({_WORKFLOW})), alone=True
-    ),
+    Scenario(deleted_unheard, alone=True, quick=False),
+    Scenario(node_lost, _NODE_LOST),
     Scenario(everything_restarts, _told("StorageUnavailable"), alone=True),
 )

@@ -21,7 +21,7 @@ from tests.testbed.faults import Moment
 
 PATIENCE_S = 120.0
 _QUIET_S = 0.8
-_LOOK_S = 0.05
+_LOOK_S = 0.1
 # What the garbage collector and the operator have to remove with a FleetSpec.
 _OWNED = ("Mission", "Job", "Pod", "Service", "ConfigMap", "NetworkPolicy")
 
@@ -72,6 +72,8 @@ class Trial:
         namespace: Of this run alone.
         kill: When the operator is killed; None for never.
         disturb: Called once the FleetSpec is applied; brings faults about.
+        missions: How many are flown.
+        environment: More variables of the operator.
     """
 
     world: World
@@ -79,12 +81,14 @@ class Trial:
     namespace: str
     kill: Kill | None = None
     disturb: Callable[[Trial], None] | None = None
+    missions: int = 2
+    environment: Mapping[str, str] = field(default_factory=dict)
     starts_of_operator: int = 0
     killed_at: str = ""
     patience_s: float = PATIENCE_S
 
     def __post_init__(self) -> None:
-        self.operator = Operator(self.world, self.slot, self.namespace)
+        self.operator = Operator(self.world, self.slot, self.namespace, environment=self.environment)
         self.storage = open_storage(self.world.storage_uri(self.world.hdfs.address, self.namespace))
         self.path = f"{FLEETS.format(self.namespace)}/{FLEET}"
         self.paths = FleetPaths(self.namespace, FLEET)
@@ -101,7 +105,7 @@ class Trial:
                 self.wait_until("all missions are over", self.is_over)
                 picture = take_picture(self.world.cluster, self.storage, self.namespace)
                 self.remove()
-            self.wait_until("everything is removed", lambda: not self.left() and self.is_quiet())
+            self.wait_until("everything is removed", lambda: self.is_quiet() and not self.left())
             return self._result(picture)
         finally:
             self.operator.close()
@@ -114,7 +118,7 @@ class Trial:
             proxy = self.slot.proxies[self.kill.door]
             proxy.at_write(self.kill.write, self.kill.moment, self._kill_operator)
         self.start_operator()
-        self.world.cluster.apply("FleetSpec", fleet_spec(self.namespace))
+        self.world.cluster.apply("FleetSpec", fleet_spec(self.namespace, self.missions))
 
     # -- the operator
 
@@ -231,10 +235,14 @@ class Plan:
 
     name: str
     kill: Kill | None = None
-    disturb: Callable[[Trial], None] | None = field(default=None)
+    disturb: Callable[[Trial], None] | None = None
+    missions: int = 2
+    environment: Mapping[str, str] = field(default_factory=dict)
 
 
 def run_trial(world: World, plan: Plan) -> Result:
     """Run the fleet once in a slot of the world."""
     with world.slot() as slot:
-        return Trial(world, slot, plan.name, plan.kill, plan.disturb).run()
+        return Trial(
+            world, slot, plan.name, plan.kill, plan.disturb, missions=plan.missions, environment=plan.environment
+        ).run()

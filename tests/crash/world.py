@@ -17,8 +17,13 @@ from tests.crash.cluster import Cluster
 from tests.testbed.control_plane import ControlPlane, control_plane
 from tests.testbed.hdfs import HdfsCluster, hdfs_cluster
 from tests.testbed.proxy import Proxy
-from tests.testbed.stand_in_kubelet import StandInKubelet, stand_in_kubelet
+from tests.testbed.stand_in.node import Shape
+from tests.testbed.stand_in.scheduler import KEPT_FOR
+from tests.testbed.stand_in_kubelet import HUB_AND_EDGES, StandInKubelet, stand_in_kubelet
 
+LOSES_A_NODE = "node-lost"
+# A node that is lost is lost for one run only.
+NODES = (*HUB_AND_EDGES, *(Shape(name, labels={KEPT_FOR: LOSES_A_NODE}) for name in ("edge3", "edge4")))
 CRDS = Path(__file__).resolve().parent.parent.parent / "crds"
 # Short, so that a lost node is told within the time of a test; a Job is synchronised as soon as something happens.
 FLAGS = {
@@ -88,7 +93,9 @@ def world(folder: Path, slots: int, datanodes: int = 3) -> Iterator[World]:
         hdfs = stack.enter_context(hdfs_cluster(folder / "hdfs", datanodes=datanodes))
         made = [_slot(stack, folder, plane, hdfs) for _ in range(slots)]
         direct = {f"127.0.0.1:{each.storage.port}": hdfs.address for each in made}
-        kubelet = stack.enter_context(stand_in_kubelet(plane.kubeconfig, folder / "kubelet", replace=direct))
+        kubelet = stack.enter_context(
+            stand_in_kubelet(plane.kubeconfig, folder / "kubelet", nodes=NODES, replace=direct)
+        )
         cluster = Cluster(plane.url, plane.ca, plane.token)
         stack.callback(cluster.close)
         _install(plane)
@@ -114,4 +121,4 @@ def _install(plane: ControlPlane) -> None:
 
 def cores() -> int:
     """How many runs go on side by side without hindering each other much."""
-    return max(2, os.cpu_count() or 2)
+    return max(2, len(os.sched_getaffinity(0)))

@@ -112,7 +112,9 @@ class Swarm:
         """Everything that is in the namespace because of the FleetSpec."""
         found = self.kubectl("get", KINDS, "--output=name").split()
         # The user's own files stay: their ConfigMaps are no work of the operator.
-        return sorted(name for name in found if name != SERVERS_OWN and not name.startswith(f"configmap/{FLEET}-files-"))
+        return sorted(
+            name for name in found if name != SERVERS_OWN and not name.startswith(f"configmap/{FLEET}-files-")
+        )
 
     def pod(self, job: str) -> dict[str, Any]:
         """The newest pod of a Job."""

@@ -12,13 +12,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tests.testbed import versions
-from tests.testbed.errors import CommandFailed
+from tests.testbed.errors import CommandFailed, Missing
 from tests.testbed.progress import say
 from tests.testbed.recipes import FLAGS, STRIP, Recipe
 from tests.testbed.toolchain import find_go
 
 GIB = 1024**3
 LINKER_BYTES = 3 * GIB  # of the largest program; as many are linked at once as the flag -p says
+NEEDED_BYTES = 9 * GIB  # modules and objects of Kubernetes; all of it is removed at the end
 HADOOP_PARTS = ("hadoop-common", "hadoop-hdfs", "hadoop-hdfs-client")
 
 
@@ -27,6 +28,13 @@ class Workshop:
 
     def __init__(self, folder: Path, tools: Path) -> None:
         self._folder = folder
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        free = shutil.disk_usage(folder.parent).free
+        if free < NEEDED_BYTES:
+            raise Missing(
+                f"building takes {NEEDED_BYTES / GIB:.0f} GiB for a while, and {folder.parent} has {free / GIB:.1f}: "
+                "make room, or name another folder with XDG_CACHE_HOME"
+            )
         self._go = find_go(tools)
         shutil.rmtree(folder, ignore_errors=True)
         (folder / "tmp").mkdir(parents=True)

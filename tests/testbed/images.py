@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import fcntl
 import os
-import shutil
-import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping
@@ -16,12 +14,14 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from fleet import __version__
+from tests.testbed import packages
 from tests.testbed.errors import BedError, Missing
 from tests.testbed.imaging import debian
 from tests.testbed.imaging.buildah import Buildah, Recipe
 from tests.testbed.imaging.container import Container, container
 from tests.testbed.imaging.inputs import PARENTS, ROOT, digest, stage
 from tests.testbed.imaging.secrets import build_secrets
+from tests.testbed.progress import say
 
 NAMES = ("base", "runtime", "function", "operator", "hdfs")
 
@@ -32,8 +32,12 @@ REGISTRY = "docker.io"
 """The registry that a kubelet takes for meant when a name has none; nothing is ever fetched from it."""
 
 _DEBIAN = "localhost/debian:bookworm"
-_PACKAGES = {"buildah": "buildah", "debootstrap": "debootstrap"}
-"""Programs that building needs, and the Debian packages that they are in."""
+_PACKAGES = {
+    "buildah": "buildah",
+    "debootstrap": "debootstrap",
+    "debian-archive-keyring": "/usr/share/keyrings/debian-archive-keyring.gpg",
+}
+"""Debian packages that building needs, and how to know that they are there."""
 
 
 def cache_folder() -> Path:
@@ -152,6 +156,7 @@ class _Builder:
         repository, version = f"localhost/fleet-computer/{name}", self._digest(name)
         tag = f"{repository}:{version}"
         if not self.store.has(tag):
+            say(f"building the image {name}")
             self.build(name, tag)
             self.store.keep_only(repository, version)
         return tag
@@ -176,16 +181,7 @@ def _prepare_computer() -> None:
     """Install what building needs, if that is possible."""
     if os.geteuid() != 0:
         raise Missing("building images needs root: run as root, or copy the images' cache from where they were built")
-    missing = [package for program, package in _PACKAGES.items() if shutil.which(program) is None]
-    if not missing:
-        return
-    if shutil.which("apt-get") is None:
-        raise Missing(f"building images needs {' and '.join(missing)}: install them")
-    environment = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
-    for command in (["update", "-qq"], ["install", "-y", "-qq", "--no-install-recommends", *missing]):
-        done = subprocess.run(["apt-get", *command], check=False, capture_output=True, text=True, env=environment)
-        if done.returncode:
-            raise Missing(f"{' and '.join(missing)} cannot be installed: {done.stderr.strip()[-500:]}")
+    packages.ensure(_PACKAGES)
 
 
 def main(names: list[str]) -> int:

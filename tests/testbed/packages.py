@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import shutil
 from collections.abc import Mapping
@@ -24,6 +25,7 @@ MACHINES = {
 }
 HADOOP = {"openjdk-17-jre-headless": "java"}
 MAVEN = {"maven": "mvn"}
+LOCK = Path("/run/fleet-testbed-packages.lock")
 SYSTEM_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 
 
@@ -33,19 +35,30 @@ def ensure(packages: Mapping[str, str]) -> None:
     Raises:
         Missing: some are not there and cannot be installed; the message has the command that does it.
     """
-    missing = [name for name, sign in packages.items() if not _there(sign)]
-    if not missing:
+    if not _missing(packages):
         return
-    command = f"apt-get install --no-install-recommends {' '.join(missing)}"
     if os.geteuid() != 0 or shutil.which("apt-get") is None:
-        raise Missing(f"missing: {', '.join(missing)}; as root on Debian or Ubuntu: {command}")
-    say(f"installing {', '.join(missing)}")
+        names = " ".join(_missing(packages))
+        raise Missing(f"missing: {names}; as root on Debian or Ubuntu: apt-get install --no-install-recommends {names}")
+    with LOCK.open("w") as lock:  # apt-get does not wait for another one
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        _install(_missing(packages))
+
+
+def _install(names: list[str]) -> None:
+    if not names:
+        return
+    say(f"installing {', '.join(names)}")
     quiet = {"DEBIAN_FRONTEND": "noninteractive"}
     try:
         run(["apt-get", "update", "-qq"], timeout_s=600.0, env=quiet)
-        run([*command.replace("install", "install -y -qq", 1).split()], timeout_s=1200.0, env=quiet)
+        run(["apt-get", "install", "-y", "-qq", "--no-install-recommends", *names], timeout_s=1200.0, env=quiet)
     except CommandFailed as error:
-        raise Missing(f"{', '.join(missing)} could not be installed: {error}") from error
+        raise Missing(f"{', '.join(names)} could not be installed: {error}") from error
+
+
+def _missing(packages: Mapping[str, str]) -> list[str]:
+    return [name for name, sign in packages.items() if not _there(sign)]
 
 
 def _there(sign: str) -> bool:

@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass
 
 from tests.testbed import versions
 
-# Smaller and faster to build; nobody debugs them here.
-FLAGS = ("-trimpath", "-buildvcs=false", "-mod=mod", "-modcacherw")
+# Without debug information, which takes a fifth of the time: nobody debugs these programs here.
+FLAGS = ("-trimpath", "-buildvcs=false", "-mod=mod", "-gcflags=all=-dwarf=false")
 STRIP = "-s -w"
 COREDNS_PLUGINS = ("bind", "cache", "errors", "health", "kubernetes", "log", "ready")
 

@@ -32,6 +32,8 @@ def small_images(folder: Path) -> list[Path]:
     if shell is None:
         raise Missing("busybox is not on the PATH: install busybox-static (as root: python -m tests.testbed build)")
     program = Path(shell).read_bytes()
+    if b"/ld-" in program[:4096]:  # the name of a loader, which the image has not
+        raise Missing(f"{shell} is not static: install busybox-static in its place")
     listed = subprocess.run([shell, "--list"], text=True, capture_output=True, check=True)
     links = {f"bin/{name}": "busybox" for name in listed.stdout.split() if name != "busybox"}
     layer = _layer(FOLDERS, {"bin/busybox": program}, links)

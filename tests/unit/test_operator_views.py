@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import pytest
 
+from fleet_operator.cluster.glance import Head, head_of_event, head_of_object
 from fleet_operator.resources import names
-from fleet_operator.resources.applied import APPLIED_ANNOTATION, applied_hash, mark_of, marked
+from fleet_operator.resources.applied import APPLIED_ANNOTATION, applied_hash, mark_of, marked, seal
 from fleet_operator.resources.refs import (
     CONFIG_MAP,
     FLEET_SPEC,
@@ -150,7 +152,10 @@ def test_the_hash_is_of_the_content_and_not_of_the_order_or_of_itself() -> None:
     assert applied_hash(marked(manifest, digest)) == digest
     assert mark_of(marked(manifest, digest)) == digest
     assert applied_hash({**manifest, "spec": {}}) != digest
-    bare = {"metadata": {"name": "a"}}
+    assert json.loads(seal(manifest).text) == marked(manifest, digest)
+    assert json.loads(seal(marked(manifest, "old")).text) == marked(manifest, digest)
+    bare: Manifest = {"data": {"x": '"metadata":{'}, "metadata": {}}
+    assert json.loads(seal(bare).text) == marked(bare, seal(bare).digest)
     assert applied_hash(marked(bare, "other")) == applied_hash(bare)
 
 
@@ -161,3 +166,27 @@ def test_addresses_are_those_of_the_api() -> None:
     assert kind_of({"apiVersion": "batch/v1", "kind": "Job"}) == JOB
     with pytest.raises(LookupError, match="v1 Secret is not a kind that the operator knows"):
         kind_of({"apiVersion": "v1", "kind": "Secret"})
+
+
+def test_the_head_of_an_object_is_read_where_the_api_server_writes_it() -> None:
+    body = (
+        '{"kind":"Job","apiVersion":"batch/v1","metadata":{"name":"a","namespace":"farm","uid":"u1",'
+        '"resourceVersion":"17","generation":1,"creationTimestamp":"2026-03-01T10:00:00Z","labels":{}},"spec":{}}'
+    )
+    head = Head(ObjectRef("farm", "a"), "u1", "17", CREATED)
+    assert head_of_object(body.encode()) == head
+    assert head_of_event(f'{{"type":"MODIFIED","object":{body}}}'.encode()) == head
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        '{"type":"DELETED","object":{"kind":"Job","apiVersion":"batch/v1","metadata":{"name":"a","namespace":"farm",'
+        '"uid":"u1","resourceVersion":"17","creationTimestamp":"2026-03-01T10:00:00Z"}}}',
+        '{"type":"ADDED","object":{"apiVersion":"fleetcomputer.io/v1alpha1","kind":"Mission","metadata":{"name":"a"}}}',
+        '{"type":"ERROR","object":{"kind":"Status","apiVersion":"v1","metadata":{},"code":410}}',
+        '{"type":"BOOKMARK","object":{"kind":"Job","apiVersion":"batch/v1","metadata":{"resourceVersion":"17"}}}',
+    ],
+)
+def test_what_cannot_be_told_at_a_glance_is_not(line: str) -> None:
+    assert head_of_event(line.encode()) is None

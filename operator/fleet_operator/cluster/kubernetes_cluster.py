@@ -7,10 +7,11 @@ from typing import Any
 
 from fleet_operator.cluster.errors import Conflict, Forbidden, NotFound
 from fleet_operator.cluster.events import Recorder
+from fleet_operator.cluster.glance import head_of_object
 from fleet_operator.cluster.memory import Memory, unpacked
-from fleet_operator.cluster.transport import APPLY, STRATEGIC, Call, Transport
+from fleet_operator.cluster.transport import APPLY, STRATEGIC, Answer, Call, Transport
 from fleet_operator.resources import names
-from fleet_operator.resources.applied import applied_hash, mark_of, marked
+from fleet_operator.resources.applied import mark_of, marked, seal
 from fleet_operator.resources.refs import EVENT, JOB, POD, Kind, Manifest, ObjectRef, kind_of
 from fleet_operator.resources.views import JobView, NodeView, PodView
 
@@ -61,18 +62,19 @@ class KubernetesCluster:
     async def apply(self, manifest: Manifest) -> bool:
         """Have an object as this manifest says; False when the hash that was last seen or applied is the same."""
         kind, ref = kind_of(manifest), ObjectRef.of(manifest)
-        digest, watched = applied_hash(manifest), self._memory.watches(manifest, kind)
+        sealed, watched = seal(manifest), self._memory.watches(manifest, kind)
         applied, _ = self._applied.get((kind, ref), ("", ""))
-        if digest == (self._seen_hash(kind, ref) if watched else applied):
+        if sealed.digest == (self._seen_hash(kind, ref) if watched else applied):
             return False
         path = kind.path(ref.namespace, ref.name)
-        body = await self._transport.send(Call("patch", path, marked(manifest, digest), _AS_APPLIED, APPLY))
+        answer = await self._transport.ask(Call("patch", path, sealed.text, _AS_APPLIED, APPLY))
         if watched:
-            self._memory.put(kind, body)
-        if "deletionTimestamp" in body["metadata"]:
+            self._memory.put(kind, _made(manifest, sealed.digest, answer))
+        else:
+            self._applied[kind, ref] = (sealed.digest, _owner_uid(manifest))
+        if not answer.is_new and "deletionTimestamp" in answer.read()["metadata"]:
+            self._applied.pop((kind, ref), None)
             raise Conflict(f"{kind.kind} {ref} is being deleted; it can be applied when it is gone", "Terminating")
-        if not watched:
-            self._applied[kind, ref] = (digest, _owner_uid(manifest))
         return True
 
     async def apply_status(self, kind: Kind, ref: ObjectRef, status: Manifest) -> bool:
@@ -165,6 +167,16 @@ class KubernetesCluster:
     async def _list(self, kind: Kind, namespace: str, query: Mapping[str, str]) -> list[Manifest]:
         answer = await self._transport.send(Call("list", kind.path(namespace), query=query))
         return list(answer.get("items") or ())
+
+
+def _made(manifest: Manifest, digest: str, answer: Answer) -> Manifest:
+    """The object that came of a manifest; a new one is what was sent, and need not be read."""
+    head = head_of_object(answer.content) if answer.is_new else None
+    if head is None:
+        return answer.read()
+    body = marked(manifest, digest)
+    told = {"uid": head.uid, "resourceVersion": head.version, "creationTimestamp": head.created}
+    return {**body, "metadata": {**body["metadata"], **told}}
 
 
 def _owner_uid(manifest: Manifest) -> str:

@@ -56,6 +56,11 @@ class Memory:
         """Whether objects of this kind are watched at all."""
         return kind in self._stores
 
+    def has(self, kind: Kind, ref: ObjectRef, version: int) -> bool:
+        """Whether an object is known in this version or a newer one."""
+        entry = self._stores[kind].get(ref)
+        return entry is not None and entry.version >= version
+
     def watches(self, body: Mapping[str, Any], kind: Kind) -> bool:
         """Whether the watches of this kind see such an object."""
         labels = body["metadata"].get("labels", {})

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fleet_operator.cluster.errors import ClusterError, Forbidden, Gone, Unavailable
+from fleet_operator.cluster.glance import head_of_event
 from fleet_operator.cluster.memory import Memory
 from fleet_operator.cluster.transport import Call, Transport
 from fleet_operator.resources.refs import Kind, ObjectRef
@@ -27,6 +28,12 @@ IDLE_S = 100.0
 """Bookmarks come once a minute: a watch without a byte for so long is dead."""
 LONGEST_WATCH_S = 300
 TRIES_BEFORE_LIST = 3
+
+
+def complain(error: ClusterError, failures: int) -> None:
+    """Log a failure: one that lasts is worth a warning, but not for each of its tries."""
+    lasts = failures == TRIES_BEFORE_LIST or failures % 20 == 0
+    log.log(logging.WARNING if lasts else logging.INFO, "%s", error)
 
 
 @dataclass(frozen=True)
@@ -130,7 +137,7 @@ class Reflector:
             listed()
         if failures % TRIES_BEFORE_LIST == 0:  # a watch that cannot go on from its place is as bad as a lost one
             self._version = ""
-        log.log(logging.INFO if failures < TRIES_BEFORE_LIST else logging.WARNING, "%s", error)
+        complain(error, failures)
 
     async def _watch(self) -> None:
         """Follow until the API server ends the watch."""
@@ -149,6 +156,10 @@ class Reflector:
                 self._event(line)
 
     def _event(self, line: bytes) -> None:
+        head = head_of_event(line)
+        if head is not None and self._memory.has(self.scope.kind, head.ref, int(head.version)):
+            self._version = head.version
+            return
         event = json.loads(line)
         body = event["object"]
         if event["type"] == "ERROR":

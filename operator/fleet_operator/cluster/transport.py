@@ -36,6 +36,7 @@ class Call:
 
     Args:
         verb: As RBAC has it: get, list, create, update, patch, delete.
+        body: An object, or the JSON of one.
         content: Media type of the body.
         tries: How often it is sent at most.
         urgent: It does not wait for a place among the calls in flight, and is not stopped by the fence.
@@ -43,7 +44,7 @@ class Call:
 
     verb: str
     path: str
-    body: Mapping[str, Any] | None = None
+    body: Mapping[str, Any] | bytes | None = None
     query: Mapping[str, str] = field(default_factory=dict)
     content: str = JSON
     tries: int = 5
@@ -54,6 +55,31 @@ class Call:
     def writes(self) -> bool:
         """Whether it changes the cluster."""
         return self.verb not in ("get", "list")
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the API server says to a call that it accepts."""
+
+    status: int
+    content: bytes
+
+    @property
+    def is_new(self) -> bool:
+        """Whether the call made an object."""
+        return self.status == 201
+
+    def read(self) -> dict[str, Any]:
+        """The object in it.
+
+        Raises:
+            Unavailable: it is none; a proxy may have answered.
+        """
+        try:
+            body: dict[str, Any] = json.loads(self.content)
+        except ValueError as error:
+            raise Unavailable(f"an answer with HTTP {self.status} is not JSON: {self.content[:100]!r}") from error
+        return body
 
 
 class Transport:
@@ -97,6 +123,14 @@ class Transport:
                 await asyncio.sleep(0)
 
     async def send(self, call: Call) -> dict[str, Any]:
+        """The object that the API server answers with.
+
+        Raises:
+            ClusterError: it refused; what was passing was tried again.
+        """
+        return (await self.ask(call)).read()
+
+    async def ask(self, call: Call) -> Answer:
         """The API server's answer.
 
         Raises:
@@ -117,7 +151,7 @@ class Transport:
                 await asyncio.sleep(error.retry_after_s + self.pause_s(attempt))
                 attempt += 1
 
-    async def _try(self, call: Call) -> dict[str, Any]:
+    async def _try(self, call: Call) -> Answer:
         if call.urgent:
             return await self._exchange(call)
         async with self._places:
@@ -125,12 +159,12 @@ class Transport:
                 raise NotLeading(f"{call.verb} {call.path}: not sent, as another process may hold the lease by now")
             return await self._exchange(call)
 
-    async def _exchange(self, call: Call) -> dict[str, Any]:
+    async def _exchange(self, call: Call) -> Answer:
         headers = self._identity()
         data = None
         if call.body is not None:
             headers["Content-Type"] = call.content
-            data = json.dumps(call.body, separators=(",", ":")).encode()
+            data = call.body if isinstance(call.body, bytes) else json.dumps(call.body, separators=(",", ":")).encode()
         timeout = aiohttp.ClientTimeout(total=call.timeout_s, sock_connect=min(10.0, call.timeout_s))
         method, address = _METHODS[call.verb], self._credentials.server + call.path
         status = 0
@@ -147,7 +181,7 @@ class Transport:
             self._count(call.verb, status)
         if status >= 400:
             raise refusal(f"{call.verb} {call.path}", status, content, answer.headers.get("Retry-After", ""))
-        return _object(call, content)
+        return Answer(status, content)
 
     async def watch(self, path: str, query: Mapping[str, str], idle_s: float) -> AsyncIterator[list[bytes]]:
         """The lines of a watch as they come, some at a time; ends when the API server ends it.
@@ -209,14 +243,6 @@ def _hang_up(answer: aiohttp.ClientResponse) -> None:
     connection = answer.connection
     if connection is not None and connection.transport is not None:
         connection.transport.abort()
-
-
-def _object(call: Call, content: bytes) -> dict[str, Any]:
-    try:
-        answer: dict[str, Any] = json.loads(content)
-    except ValueError as error:
-        raise Unavailable(f"{call.verb} {call.path}: the answer is not JSON") from error
-    return answer
 
 
 def _said(error: BaseException) -> str:

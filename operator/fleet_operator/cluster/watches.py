@@ -15,7 +15,7 @@ from functools import partial
 
 from fleet_operator.cluster.errors import ClusterError
 from fleet_operator.cluster.memory import Memory
-from fleet_operator.cluster.reflector import Reflector, Scope, log
+from fleet_operator.cluster.reflector import Reflector, Scope, complain
 from fleet_operator.cluster.transport import Transport
 from fleet_operator.resources import names
 from fleet_operator.resources.refs import CONFIG_MAP, FLEET_SPEC, JOB, MISSION, NODE, Kind, Manifest
@@ -109,7 +109,7 @@ class Watches:
                 await reflector.resync()
             except ClusterError as error:
                 failures += 1
-                log.warning("%s", error)
+                complain(error, failures)
                 self._alive(reflector.scope)
                 await asyncio.sleep(self._transport.pause_s(failures))
             else:

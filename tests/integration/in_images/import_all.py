@@ -8,8 +8,8 @@ ELSEWHERE = {
     # The report and the commands of people, and models that need an image of one's own.
     "runtime": ("fleet.report", "fleet.cli.reporting", "fleet.learning.deep", "fleet.simulator.parallel_env"),
     "function": (),
-    # The run on one machine: it starts roles, and draws on a terminal.
-    "operator": ("fleet_operator.local",),
+    # The run on one machine, and the commands of people.
+    "operator": ("fleet_operator.local", "fleet_operator.flow.commands"),
 }
 PACKAGES = {
     "runtime": ("fleet",),

@@ -111,7 +111,7 @@ class Buildah:
             fresh: Build every layer anew.
         """
         given = [word for key, path in secrets.items() for word in ("--secret", f"id={key},src={path}")]
-        options = ["--no-cache" if fresh else "--layers", "--pull=never", "--quiet", "--timestamp", "0"]
+        options = ["--layers", *(["--no-cache"] if fresh else []), "--pull=never", "--quiet", "--timestamp", "0"]
         given += [word for key, value in recipe.arguments.items() for word in ("--build-arg", f"{key}={value}")]
         where = ["--file", str(recipe.context / recipe.containerfile), "--tag", name, str(recipe.context)]
         self.run("build", *options, "--identity-label=false", *given, *where)

@@ -1,4 +1,4 @@
-"""Binds pods to nodes: the highest priority first, where requests fit and affinity allows."""
+"""Which pod goes to which node: the highest priority first, where requests fit and affinity allows."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import Any
 from fleet.spec.base import quantity_value
 
 Manifest = dict[str, Any]
+KEPT_FOR = "stand-in/kept-for"
+"""Label of a node that takes pods of one namespace only, so that its loss is no other's."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,7 @@ def plan(pods: Sequence[Manifest], nodes: Sequence[Manifest]) -> Plan:
         allowed = [node for node in nodes if _admits(node, pod)]
         free = [node for node in allowed if _room(node).holds(used[node["metadata"]["name"]] + requests(pod))]
         if free:
-            best = min(free, key=lambda node: (used[node["metadata"]["name"]].pods, node["metadata"]["name"]))
+            best = min(free, key=lambda node: _rank(node, used))
             name = best["metadata"]["name"]
             used[name] += requests(pod)
             bindings[pod["metadata"]["uid"]] = name
@@ -70,6 +72,12 @@ def _room(node: Manifest) -> Room:
     return Room(quantity_value(has["cpu"]), quantity_value(has["memory"]), int(has["pods"]))
 
 
+def _rank(node: Manifest, used: Mapping[str, Room]) -> tuple[bool, int, str]:
+    """Nodes that are kept for a namespace first, then the emptiest."""
+    name = node["metadata"]["name"]
+    return KEPT_FOR not in node["metadata"].get("labels", {}), used[name].pods, name
+
+
 def _is_pending(pod: Manifest) -> bool:
     spec = pod["spec"]
     is_held = "deletionTimestamp" in pod["metadata"] or spec.get("schedulingGates")
@@ -83,6 +91,8 @@ def _order(pod: Manifest) -> tuple[int, str, str]:
 def _admits(node: Manifest, pod: Manifest) -> bool:
     labels = node["metadata"].get("labels", {})
     selector = pod["spec"].get("nodeSelector") or {}
+    if labels.get(KEPT_FOR, pod["metadata"]["namespace"]) != pod["metadata"]["namespace"]:
+        return False
     if node["spec"].get("unschedulable") or any(labels.get(key) != value for key, value in selector.items()):
         return False
     if any(
