@@ -33,7 +33,7 @@ test: $(VENV)/.installed-dev testbed ## every test
 	@$(BIN)/python -m pytest -n $(WORKERS) --maxprocesses 8 --dist loadgroup
 
 testbed: $(VENV)/.installed-dev ## build what the tests on real clusters need: Kubernetes, HDFS, images (once; 15 minutes)
-	@$(BIN)/python -m tests.testbed build --if-possible
+	@$(BIN)/python -m tests.testbed build --if-possible kubernetes etcd containerd coredns helm hadoop images
 
 crash-test: $(VENV)/.installed-dev testbed ## kill the operator after each of its writes, and compare the results
 	@$(BIN)/python -m tests.crash --all

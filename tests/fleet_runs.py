@@ -15,11 +15,11 @@ from fleet.storage.layout import FleetPaths
 from fleet.storage.local import LocalStorage
 from fleet.storage.port import Storage
 from fleet_operator.compiler.settings import Settings
+from fleet_operator.flow.sources import read_bundle
 from fleet_operator.local.application import Application, with_changes
 from fleet_operator.local.display import Gauge
 from fleet_operator.local.events import Event
 from fleet_operator.local.service import Summary, run_fleet
-from fleet_operator.flow.sources import read_bundle
 from tests.context_builders import plot
 
 ROLES = Path(__file__).parent / "stand_in_roles.py"

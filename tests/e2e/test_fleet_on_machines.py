@@ -148,7 +148,8 @@ def test_two_missions_by_kubectl_leave_what_they_leave_at_home(
     evaluation = MissionEvaluation.model_validate_json(flown["missions/0002/evaluation.json"])
     assert evaluation.goals_met
     mission = swarm.get("mission", names.mission(FLEET, 2))["status"]
-    assert mission["metrics"] == pytest.approx(dict(evaluation.metrics))
+    assert (mission["landed"], mission["goalsMet"]) == ("2/2", True)
+    assert mission["evaluation"] == pytest.approx(evaluation.metrics)
 
 
 def test_every_job_ran_exactly_once(flown: dict[str, bytes], swarm: Swarm) -> None:

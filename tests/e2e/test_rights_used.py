@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -38,7 +38,7 @@ pytestmark = [pytest.mark.xdist_group("control-plane"), pytest.mark.slow]
 FLEET, FIELDS = "plots", "fields"
 ACCOUNT = f"{RELEASE}-operator"
 USER = f"system:serviceaccount:{NAMESPACE}:{ACCOUNT}"
-SPEC: Mapping[str, Any] = {
+SPEC: dict[str, Any] = {
     "missions": {"count": 3, "agentRetries": 0},
     "storage": {"onDelete": "Delete"},
     "scheduling": {"cpu": "6"},
@@ -214,6 +214,6 @@ def the_functions_change(site: Site) -> None:
 
 
 def a_status_was_changed_by_somebody_else(site: Site) -> None:
-    """The API server refuses what was written over an older version: the operator reads the object, and writes again."""
+    """The API server refuses what was written over an older version: the operator reads the object and writes anew."""
     for kind in ("fleetspecs", "missions"):
         site.api.faults.append(Fault("PATCH", f"/{kind}/[^/]+/status", times=2, status=409))

@@ -23,9 +23,9 @@ Rights = dict[tuple[str, str], set[str]]
 FOLLOW = {"list", "watch"}
 EVERYWHERE = {("", "nodes"): FOLLOW}
 IN_A_NAMESPACE = {
-    ("fleetcomputer.io", "fleetspecs"): FOLLOW,
+    ("fleetcomputer.io", "fleetspecs"): FOLLOW | {"get"},
     ("fleetcomputer.io", "fleetspecs/status"): {"patch"},
-    ("fleetcomputer.io", "missions"): FOLLOW | {"create", "patch", "delete"},
+    ("fleetcomputer.io", "missions"): FOLLOW | {"get", "create", "patch", "delete"},
     ("fleetcomputer.io", "missions/status"): {"patch"},
     ("batch", "jobs"): FOLLOW | {"create", "patch", "delete"},
     ("", "configmaps"): FOLLOW | {"create", "patch", "delete"},

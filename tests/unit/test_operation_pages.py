@@ -7,6 +7,7 @@ import itertools
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -20,6 +21,7 @@ from fleet_operator.resources.conditions import FleetCondition
 from fleet_operator.service import metrics
 from tests.conftest import ROOT
 from tests.situations import SITUATIONS
+from tests.testbed.__main__ import parser
 
 DOCS = ROOT / "docs"
 OPERATOR = ROOT / "operator/fleet_operator"
@@ -240,6 +242,26 @@ def test_every_value_of_the_chart_that_a_page_sets_is_there() -> None:
                 part for part in name.split(".") if not re.search(rf"^ *{part}:|[{{ ]{part}:", values, re.MULTILINE)
             ]
             assert missing == [], f"{path.name}: {name}"
+
+
+def test_the_commands_of_the_test_bed_s_page_are_its_own() -> None:
+    commands = re.findall(r"^python -m tests\.testbed (.+?)(?: +#.*)?$", page("testbed.md"), re.MULTILINE)
+    assert len(commands) >= 5
+    for command in commands:
+        parser().parse_args(command.split())
+
+
+def test_the_variables_of_the_environment_that_pages_name_are_read_somewhere() -> None:
+    code = "\n".join(file.read_text() for file in [*SOURCES, *(ROOT / "tests/testbed").rglob("*.py")])
+    named = {name for path in PAGES for name in re.findall(r"\bFLEET_[A-Z_]*[A-Z]\b", path.read_text())}
+    assert {name for name in named if name not in code} == set()
+
+
+def test_pictures_drawn_by_hand_have_a_title_and_a_description() -> None:
+    for path in (DOCS / "images").glob("*.svg"):
+        root = ElementTree.fromstring(path.read_text())
+        told = {each.tag.rpartition("}")[2] for each in root}
+        assert {"title", "desc"} <= told
 
 
 def test_decisions_are_listed_once_and_in_order() -> None:

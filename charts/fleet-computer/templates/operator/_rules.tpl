@@ -1,12 +1,13 @@
 {{/* What the operator may do in each namespace that it watches. Every verb here is one that it uses; to make something by
-server-side apply, the API server asks for both patch and create. */}}
+server-side apply, the API server asks for both patch and create. One FleetSpec or Mission is read (get) when its status
+was changed by somebody else in the meantime. */}}
 {{- define "fleet.rules" -}}
 - apiGroups: [fleetcomputer.io]
   resources: [fleetspecs]
-  verbs: [list, watch]
+  verbs: [get, list, watch]
 - apiGroups: [fleetcomputer.io]
   resources: [missions]
-  verbs: [list, watch, create, patch, delete]
+  verbs: [get, list, watch, create, patch, delete]
 - apiGroups: [fleetcomputer.io]
   resources: [fleetspecs/status, missions/status]
   verbs: [patch]
