@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 import json
 import time
-from collections.abc import AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import aiohttp
 
@@ -15,11 +15,14 @@ from fleet_operator.resources.refs import ObjectRef, kind_of
 from tests.testbed.stand_in.api import read_kubeconfig
 
 Manifest = dict[str, Any]
+T = TypeVar("T")
 IN_FLIGHT = 32
 """As the operator's own transport has it."""
 APPLY = "application/apply-patch+yaml"
 MERGE = "application/merge-patch+json"
 _LARGEST_LINE = 1 << 23
+_TRIES = 5
+_PASSING = (429, 500, 503, 504)
 
 
 class Client:
@@ -52,8 +55,12 @@ class Client:
     ) -> Manifest:
         data = None if body is None else json.dumps(body).encode()
         headers = {"Content-Type": content}
-        async with self.session.request(method, self.server + path, data=data, headers=headers) as answer:
-            text = await answer.read()
+        for attempt in range(_TRIES):
+            async with self.session.request(method, self.server + path, data=data, headers=headers) as answer:
+                text = await answer.read()
+            if answer.status not in _PASSING:
+                break
+            await asyncio.sleep(0.2 * 2**attempt)
         if answer.status >= 400:
             raise RuntimeError(f"{method} {path}: {answer.status} {text[:500].decode(errors='replace')}")
         found: Manifest = json.loads(text)
@@ -66,12 +73,16 @@ class Client:
         await self.call("PATCH", f"{path}?fieldManager=floor&force=true", manifest, APPLY)
 
     async def apply_all(self, manifests: Sequence[Manifest]) -> float:
-        """Apply objects, so many at a time as the operator would; the seconds that it took."""
-        left = iter(manifests)
+        """Apply objects; the seconds that it took."""
+        return await self.for_each(manifests, self.apply)
+
+    async def for_each(self, things: Sequence[T], act: Callable[[T], Awaitable[object]]) -> float:
+        """Do something with all, as many at a time as the operator has calls in flight; the seconds that it took."""
+        left = iter(things)
 
         async def worker() -> None:
-            for manifest in left:
-                await self.apply(manifest)
+            for thing in left:
+                await act(thing)
 
         began = time.perf_counter()
         async with asyncio.TaskGroup() as tasks:

@@ -142,7 +142,7 @@ class Life:
             self._resumed_s = time.perf_counter()
             resumed = {"spec": {"suspend": False}}
             paths = [FLEET_SPEC.path(NAMESPACE, name(index)) for index in range(self._fleets)]
-            await asyncio.gather(*(self._client.call("PATCH", path, resumed, MERGE) for path in paths))
+            await self._client.for_each(paths, lambda path: self._client.call("PATCH", path, resumed, MERGE))
             await self._burst(_RESUMED, (9, 13), meter, first, before_s)
             await self._floor_after(_RESUMED, self._objects.flight)
 
@@ -214,10 +214,8 @@ class Life:
         manifests = [each for index in range(min(self._fleets, _FLOOR_FLEETS)) for each in made(index)]
         taken_s = await self._client.apply_all(manifests)
         services = [each for each in manifests if kind_of(each) == SERVICE]  # which cannot be deleted together
-        async with asyncio.TaskGroup() as tasks:
-            for each in services:
-                path = SERVICE.path(FLOOR, each["metadata"]["name"])
-                tasks.create_task(self._client.call("DELETE", path))
+        paths = [SERVICE.path(FLOOR, each["metadata"]["name"]) for each in services]
+        await self._client.for_each(paths, lambda path: self._client.call("DELETE", path))
         for kind in {kind_of(each) for each in manifests} - {SERVICE}:
             await self._client.call("DELETE", f"{kind.path(FLOOR)}?propagationPolicy=Background")
         _say(f"floor: {len(manifests)} objects in {taken_s:.1f} s, {len(manifests) / taken_s:.0f}/s")

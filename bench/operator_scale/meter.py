@@ -111,13 +111,10 @@ def _field(file: Path, name: str) -> float:
 
 
 def busiest(samples: list[Sample], window_s: float) -> float:
-    """The most writes a second within a window of this length, or of all samples when they are shorter."""
-    best = 0.0
-    first = 0
-    for last, sample in enumerate(samples):
+    """The most writes a second within any window of this length."""
+    best, first = 0.0, 0
+    for sample in samples:
         while sample.at_s - samples[first].at_s > window_s:
             first += 1
-        before = samples[max(first - 1, 0)]
-        if last and sample.at_s > before.at_s:
-            best = max(best, (sample.writes - before.writes) / max(sample.at_s - before.at_s, window_s))
+        best = max(best, (sample.writes - samples[first].writes) / window_s)
     return best

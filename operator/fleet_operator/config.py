@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import socket
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -20,6 +21,8 @@ _NAMES = (
     "STORAGE_PORTS", "NETWORK_POLICIES", "LIBRARY", "HEALTH_PORT", "LEASE", "LEASE_SECONDS", "IDENTITY",
     "STOP_SECONDS", "LOG_FORMAT", "LOG_LEVEL",
 )  # fmt: skip
+# What Kubernetes itself sets in pods beside a Service called fleet-operator ("Service", environment variables).
+_SERVICE_LINK = re.compile(r"SERVICE_(HOST|PORT(_\w+)?)|PORT(_\d+_\w+)?")
 _PULL_POLICIES = ("Always", "IfNotPresent", "Never")
 _LOG_FORMATS = ("plain", "json")
 _LOG_LEVELS = ("debug", "info", "warning", "error")
@@ -70,7 +73,11 @@ def from_environment(environment: Mapping[str, str]) -> Config:
     Raises:
         ConfigError: a variable is misspelt, or its value is none of those that are possible.
     """
-    given = {name.removeprefix(PREFIX): text for name, text in environment.items() if name.startswith(PREFIX)}
+    given = {
+        name.removeprefix(PREFIX): text
+        for name, text in environment.items()
+        if name.startswith(PREFIX) and not _SERVICE_LINK.fullmatch(name.removeprefix(PREFIX))
+    }
     unknown = sorted(set(given) - set(_NAMES))
     if unknown:
         names = ", ".join(PREFIX + name for name in _NAMES)

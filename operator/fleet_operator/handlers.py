@@ -52,6 +52,8 @@ class KopfWatches:
         Raises:
             KopfEnded: kopf gave up.
         """
+        # A kind that is not there when kopf begins is never watched; once it was listed it is there.
+        await self._watches.synced()
         self._loop = asyncio.get_running_loop()
         ended: asyncio.Future[BaseException | None] = self._loop.create_future()
         thread = threading.Thread(target=self._thread, args=(ended,), name="kopf", daemon=True)

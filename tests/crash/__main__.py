@@ -1,4 +1,4 @@
-"""Kill the operator after, and before, each of its writes: `python -m tests.crash --all`."""
+"""Kill the operator before and after each of its writes, and bring faults about: `python -m tests.crash --all`."""
 
 from __future__ import annotations
 
@@ -10,38 +10,48 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 
+from tests.crash.application import LONG, ROUGH, SMOOTH, Story
 from tests.crash.campaign import all_kills, carry_out, check, problems, sample
 from tests.crash.scenarios import SCENARIOS, Scenario
 from tests.crash.trial import Kill, Plan, Result, run_trial
 from tests.crash.world import World, cores, world
 from tests.testbed.faults import Moment
 
-MISSIONS = 2
+STORIES = {"long": LONG, "rough": ROUGH}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the kills that are asked for; 1 when one of them left a difference."""
+    """Run what is asked for; 1 when something left a difference."""
     given = _arguments(arguments)
+    failed = 0
     with tempfile.TemporaryDirectory(prefix="fleet-crash-") as folder, world(Path(folder), given.slots) as place:
-        expected = run_trial(place, Plan("undisturbed"))
-        again = run_trial(place, Plan("undisturbed-again"))
-        say(f"undisturbed: {expected.writes['api']} writes to the API, {expected.writes['storage']} to storage")
-        if unlike := problems(expected, again):
-            tell("two undisturbed runs differ", unlike)
-            return 1
-        if given.faults is not None:
-            return faults(place, expected, given.faults)
-        kills = chosen(given, expected.writes)
-        started_s, failed = time.monotonic(), 0
-        for number, (kill, lines) in enumerate(carry_out(place, expected, kills), start=1):
-            failed += bool(lines)
-            tell(f"{number}/{len(kills)} {kill}", lines)
-        say(f"{len(kills)} kills in {time.monotonic() - started_s:.0f} s, {failed} of them left a difference")
+        for name in given.story if given.faults is None or given.all else ():
+            failed += kills(place, name, STORIES[name], given)
+        if given.all or given.faults is not None:
+            failed += faults(place, given.faults or ())
     return 1 if failed else 0
 
 
-def faults(place: World, expected: Result, wanted: Sequence[str]) -> int:
-    """Run the scenarios of these names, or all; 1 when one of them left a difference."""
+def kills(place: World, name: str, story: Story, given: argparse.Namespace) -> int:
+    """Kill the operator in runs of one story; how many left a difference."""
+    expected = run_trial(place, Plan(name, story))
+    again = run_trial(place, Plan(f"{name}-again", story))
+    say(f"{name}: {expected.writes['api']} writes to the API, {expected.writes['storage']} to storage")
+    if unlike := problems(expected, again):
+        tell(f"{name}: two undisturbed runs", unlike)
+        return 1
+    planned = chosen(given, expected.writes)
+    started_s, failed = time.monotonic(), 0
+    for number, (kill, lines) in enumerate(carry_out(place, story, expected, planned), start=1):
+        failed += bool(lines)
+        tell(f"{name}, {number}/{len(planned)}: {kill}", lines)
+    say(f"{name}: {len(planned)} kills in {time.monotonic() - started_s:.0f} s, {failed} of them left a difference")
+    return failed
+
+
+def faults(place: World, wanted: Sequence[str]) -> int:
+    """Run the scenarios of these names, or all; how many left a difference."""
+    expected = run_trial(place, Plan("smooth", SMOOTH))
     selected = [each for each in SCENARIOS if not wanted or each.name in wanted]
     failed = 0
     with ThreadPoolExecutor(place.slots.qsize()) as pool:
@@ -54,14 +64,11 @@ def faults(place: World, expected: Result, wanted: Sequence[str]) -> int:
             lines = _scenario(place, expected, each)
             failed += bool(lines)
             tell(each.name, lines)
-    return 1 if failed else 0
+    return failed
 
 
 def _scenario(place: World, expected: Result, scenario: Scenario) -> list[str]:
-    started_s = time.monotonic()
-    lines = check(place, expected, scenario.plan(MISSIONS), scenario.allowed)
-    say(f"{scenario.name}: {time.monotonic() - started_s:.0f} s")
-    return lines
+    return check(place, expected, scenario.plan, scenario.allowed)
 
 
 def chosen(given: argparse.Namespace, writes: Mapping[str, int]) -> list[Kill]:
@@ -87,8 +94,9 @@ def say(text: str) -> None:
 
 def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tests.crash", description=__doc__)
-    parser.add_argument("--all", action="store_true", help="every write, both moments")
-    parser.add_argument("--sample", type=int, default=8, help="how many, when not all (8)")
+    parser.add_argument("--all", action="store_true", help="every write, both moments, and all faults")
+    parser.add_argument("--story", nargs="*", choices=STORIES, default=list(STORIES), help="what the runs go through")
+    parser.add_argument("--sample", type=int, default=8, help="how many kills of a story, when not all (8)")
     parser.add_argument("--seed", type=int, default=0, help="of the sample (0)")
     parser.add_argument("--only", nargs="*", metavar="DOOR:WRITE:MOMENT", help="these: api:17:after storage:3:before")
     parser.add_argument("--faults", nargs="*", metavar="NAME", help="the faults of tests/crash/scenarios.py instead")

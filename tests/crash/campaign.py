@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 
+from tests.crash.application import Story
 from tests.crash.picture import differences
 from tests.crash.trial import Kill, Plan, Result, run_trial
 from tests.crash.world import World
@@ -61,9 +62,9 @@ def problems(expected: Result, found: Result, allowed: Allowed = NOTHING) -> lis
     return lines + [f"left behind: {each}" for each in found.left]
 
 
-def carry_out(world: World, expected: Result, kills: Iterable[Kill]) -> Iterator[tuple[Kill, list[str]]]:
+def carry_out(world: World, story: Story, expected: Result, kills: Iterable[Kill]) -> Iterator[tuple[Kill, list[str]]]:
     """Run all kills, as many side by side as the world has slots; what went wrong with each, as they end."""
-    plans = [Plan(f"kill-{index}", kill) for index, kill in enumerate(kills, start=1)]
+    plans = [Plan(f"kill-{story.missions}-{index}", story, kill) for index, kill in enumerate(kills, start=1)]
     with ThreadPoolExecutor(world.slots.qsize()) as pool:
         runs = {pool.submit(check, world, expected, plan): plan.kill for plan in plans}
         for run in as_completed(runs):

@@ -7,15 +7,15 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 
 import pytest
 
-from tests.crash.campaign import all_kills, check, sample
+from tests.crash.application import ROUGH, SMOOTH
+from tests.crash.campaign import NOTHING, Allowed, all_kills, check, sample
 from tests.crash.scenarios import Scenario
-from tests.crash.trial import Plan, run_trial
+from tests.crash.trial import Kill, Plan, Result, run_trial
 from tests.crash.world import World, cores, world
 from tests.testbed.requirements import need
 
 KILLS = 8
 SEED = 0
-MISSIONS = 1
 
 
 class Runs:
@@ -27,33 +27,38 @@ class Runs:
 
     def __init__(self, place: World, scenarios: list[Scenario], kills: list[int]) -> None:
         self._world = place
-        self._expected = run_trial(place, Plan("undisturbed", missions=MISSIONS))
         self._pool = ThreadPoolExecutor(place.slots.qsize())
-        chosen = sample(all_kills(self._expected.writes), KILLS, SEED)
-        plans = {each.name: each.plan(MISSIONS) for each in scenarios if not each.alone}
-        self._scenarios = {each.name: each for each in scenarios}
-        self._runs = {name: self._start(plan) for name, plan in plans.items()}
-        self._kills = {index: self._start(Plan(f"kill-{index}", chosen[index], missions=MISSIONS)) for index in kills}
-        self.names = {index: str(chosen[index]) for index in kills}
+        smooth = self._pool.submit(run_trial, place, Plan("smooth", SMOOTH)) if scenarios else None
+        rough = self._pool.submit(run_trial, place, Plan("rough", ROUGH)) if kills else None
+        self._runs: dict[str, Future[list[str]]] = {}
+        self.kills: dict[int, Kill] = {}
+        if rough is not None:
+            sampled = sample(all_kills(rough.result().writes), KILLS, SEED)
+            self.kills = {index: sampled[index] for index in kills}
+            for index, kill in self.kills.items():
+                self._start(rough.result(), Plan(f"kill-{index}", ROUGH, kill))
+        if smooth is not None:
+            self._smooth = smooth.result()
+            for each in scenarios:
+                if not each.alone:
+                    self._start(self._smooth, each.plan, each.allowed)
 
     def scenario(self, scenario: Scenario) -> list[str]:
         """What went wrong with a scenario."""
         if scenario.alone:
-            wait([*self._runs.values(), *self._kills.values()])
-            return check(self._world, self._expected, scenario.plan(MISSIONS), scenario.allowed)
+            wait(self._runs.values())
+            return check(self._world, self._smooth, scenario.plan, scenario.allowed)
         return self._runs[scenario.name].result()
 
     def kill(self, index: int) -> list[str]:
         """What went wrong with a kill."""
-        return self._kills[index].result()
+        return self._runs[f"kill-{index}"].result()
 
     def close(self) -> None:
         self._pool.shutdown(cancel_futures=True)
 
-    def _start(self, plan: Plan) -> Future[list[str]]:
-        scenario = self._scenarios.get(plan.name)
-        allowed = () if scenario is None else (scenario.allowed,)
-        return self._pool.submit(check, self._world, self._expected, plan, *allowed)
+    def _start(self, expected: Result, plan: Plan, allowed: Allowed = NOTHING) -> None:
+        self._runs[plan.name] = self._pool.submit(check, self._world, expected, plan, allowed)
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from fleet_operator.resources import names
 from fleet_operator.resources.roles import Role
-from tests.crash.application import AGENTS, FLEET
+from tests.crash.application import AGENTS, FLEET, SMOOTH
 from tests.crash.campaign import NOTHING, Allowed
 from tests.crash.program import Operator, image
 from tests.crash.trial import Plan, Trial
@@ -144,6 +144,14 @@ def evicted(trial: Trial) -> None:
     trial.world.cluster.post(path, {"apiVersion": "policy/v1", "kind": "Eviction", "metadata": metadata})
 
 
+def made_anew(trial: Trial) -> None:
+    """The FleetSpec is deleted in mid-flight, and applied again."""
+    trial.hold(AGENT, _LONG_S)
+    trial.remove()
+    trial.wait_until("the FleetSpec is gone", lambda: not trial.fleet())
+    trial.apply()
+
+
 def node_lost(trial: Trial) -> None:
     """The machine of a workflow loses its power in mid-flight, and comes back when its pods were given up."""
     trial.hold(AGENT, _LONG_S)
@@ -257,9 +265,10 @@ class Scenario:
     def name(self) -> str:
         return self.disturb.__name__.replace("_", "-")
 
-    def plan(self, missions: int) -> Plan:
+    @property
+    def plan(self) -> Plan:
         """The run with this fault."""
-        return Plan(self.name, None, self.disturb, missions, self.environment)
+        return Plan(self.name, SMOOTH, None, self.disturb, self.environment)
 
 
 _WORKFLOW = names.mission_job(Role.WORKFLOW, FLEET, 1, AGENT)
@@ -271,6 +280,7 @@ _FLIGHTS = {
     for index in range(AGENTS)
 }
 _NODE_LOST = Allowed(frozenset({"NodeLost", "Recovered"}), started_again=frozenset(_FLIGHTS))
+_MADE_ANEW = Allowed(started_again=frozenset({names.training_job(FLEET), *_FLIGHTS}))
 SCENARIOS = (
     Scenario(api_storm, _TRIED_LESS),
     Scenario(conflicts, _TRIED_LESS, quick=False),
@@ -289,6 +299,7 @@ SCENARIOS = (
     Scenario(quota_exceeded, _told("QuotaExceeded")),
     Scenario(deleted_in_flight, quick=False),
     Scenario(deleted_without_operator),
+    Scenario(made_anew, _MADE_ANEW),
     Scenario(deleted_unheard, alone=True, quick=False),
     Scenario(node_lost, _NODE_LOST),
     Scenario(everything_restarts, _told("StorageUnavailable"), alone=True),

@@ -12,7 +12,7 @@ from fleet.storage.layout import FleetPaths
 from fleet.storage.open import open_storage
 from fleet_operator.resources import names
 from fleet_operator.resources.roles import Role
-from tests.crash.application import FLEET, fleet_spec
+from tests.crash.application import FLEET, Story, fleet_spec
 from tests.crash.cluster import FLEETS, Manifest
 from tests.crash.picture import Picture, take_picture
 from tests.crash.program import Operator
@@ -72,16 +72,15 @@ class Trial:
         namespace: Of this run alone.
         kill: When the operator is killed; None for never.
         disturb: Called once the FleetSpec is applied; brings faults about.
-        missions: How many are flown.
         environment: More variables of the operator.
     """
 
     world: World
     slot: Slot
     namespace: str
+    story: Story
     kill: Kill | None = None
     disturb: Callable[[Trial], None] | None = None
-    missions: int = 2
     environment: Mapping[str, str] = field(default_factory=dict)
     starts_of_operator: int = 0
     killed_at: str = ""
@@ -117,8 +116,14 @@ class Trial:
         if self.kill is not None:
             proxy = self.slot.proxies[self.kill.door]
             proxy.at_write(self.kill.write, self.kill.moment, self._kill_operator)
+        for program, fault in self.story.faults.items():
+            self._set_fault(program, fault)
         self.start_operator()
-        self.world.cluster.apply("FleetSpec", fleet_spec(self.namespace, self.missions))
+        self.apply()
+
+    def apply(self) -> None:
+        """`kubectl apply` of the FleetSpec."""
+        self.world.cluster.apply("FleetSpec", fleet_spec(self.namespace, self.story.missions))
 
     # -- the operator
 
@@ -182,9 +187,12 @@ class Trial:
         """Have an agent's flight last, and wait until it flies; a pod that comes after the first does not wait."""
         if mission == 1:
             self.wait_until("storage is prepared", lambda: self.storage.exists(self.paths.fleet_spec))
-        fault = json.dumps({"sleep": seconds, "times": 1}).encode()
-        self.storage.write(f"{self.paths.root}/faults/workflow/{agent}.json", fault)
+        self._set_fault(f"workflow {agent}", {"sleep": seconds, "times": 1})
         self.wait_until(f"{agent} flies", lambda: self.storage.exists(self.paths.log(mission, agent)))
+
+    def _set_fault(self, program: str, fault: Mapping[str, float]) -> None:
+        path = f"{self.paths.root}/faults/{program.replace(' ', '/')}.json"
+        self.storage.write(path, json.dumps(fault).encode())
 
     # -- what a run leaves
 
@@ -234,15 +242,13 @@ class Plan:
     """
 
     name: str
+    story: Story
     kill: Kill | None = None
     disturb: Callable[[Trial], None] | None = None
-    missions: int = 2
     environment: Mapping[str, str] = field(default_factory=dict)
 
 
 def run_trial(world: World, plan: Plan) -> Result:
     """Run the fleet once in a slot of the world."""
     with world.slot() as slot:
-        return Trial(
-            world, slot, plan.name, plan.kill, plan.disturb, missions=plan.missions, environment=plan.environment
-        ).run()
+        return Trial(world, slot, plan.name, plan.story, plan.kill, plan.disturb, plan.environment).run()

@@ -77,7 +77,7 @@ class Swarm:
 
     def kubectl(self, *args: str) -> str:
         """kubectl in the namespace; waits as long as a busy computer may need."""
-        return self.cluster.kubectl(*args, "--namespace", self.namespace, timeout_s=PATIENCE_S + 60)
+        return self.cluster.kubectl("--namespace", self.namespace, *args, timeout_s=PATIENCE_S + 60)
 
     def wait(self, condition: str) -> None:
         """`kubectl wait` for something of the FleetSpec."""

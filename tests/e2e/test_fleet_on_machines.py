@@ -7,10 +7,11 @@ with a third mission, in which much breaks; at last everything is deleted.
 from __future__ import annotations
 
 import json
+import subprocess
 from collections import Counter
 from collections.abc import Iterator
 from io import BytesIO
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from typing import Any
 from zipfile import ZipFile
 
@@ -39,7 +40,7 @@ TIMES_TAKEN = ("retraining/", "weighing.json", "training/report.json")
 OF_THE_CLUSTER = {"functions.json"} | {f"contexts/{name}/origin.json" for name in ("first", "second", "third")}
 """What the operator notes for itself, and `fleet run` has no need of."""
 LOOK = """
-import json, os, pathlib
+import json, pathlib
 lines = pathlib.Path("/proc/self/status").read_text().splitlines()
 status = dict(line.split(":\\t", 1) for line in lines if ":\\t" in line)
 def writes(path):
@@ -56,7 +57,7 @@ print(json.dumps({
     "root": writes("/x"),
     "functions": writes("/fleet/functions/x"),
     "scratch": writes("/tmp/x"),
-    "token": os.path.exists("/var/run/secrets"),
+    "secrets": [str(path) for path in pathlib.Path("/run/secrets").rglob("*")],
 }))
 """
 CONFINED = {
@@ -67,7 +68,7 @@ CONFINED = {
     "root": "Read-only file system",
     "functions": "Read-only file system",
     "scratch": "written",
-    "token": False,
+    "secrets": [],
 }
 
 
@@ -81,18 +82,25 @@ def swarm(bed: Bed, installed: HdfsStorage, tmp_path_factory: pytest.TempPathFac
 
 
 @pytest.fixture(scope="module")
-def at_home(swarm: Swarm, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
-    """What three missions of the same swarm leave when `fleet run` flies them on this computer."""
+def home_run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[subprocess.Popen[str], Path]]:
+    """Three missions of the same swarm by `fleet run` on this computer, while the cluster flies; its folder."""
     folder = tmp_path_factory.mktemp("at-home")
     file = write_spec(folder / "swarm", NAMESPACE, **CALM)
     with running(file, folder / "out", "--missions", "3") as run:
-        assert finish(run, folder / "out", PATIENCE_S) in {0, 1}, words(folder / "out")
-    storage, root = LocalStorage(folder / "out/storage"), swarm.paths.root
+        yield run, folder / "out"
+
+
+@pytest.fixture(scope="module")
+def at_home(home_run: tuple[subprocess.Popen[str], Path], swarm: Swarm) -> dict[str, bytes]:
+    """What those missions leave."""
+    run, out = home_run
+    assert finish(run, out, PATIENCE_S) in {0, 1}, words(out)
+    storage, root = LocalStorage(out / "storage"), swarm.paths.root
     return {entry.path.removeprefix(f"{root}/"): storage.read(entry.path) for entry in storage.list(root)}
 
 
 @pytest.fixture(scope="module")
-def flown(swarm: Swarm) -> dict[str, bytes]:
+def flown(swarm: Swarm, home_run: object) -> dict[str, bytes]:
     """Two missions on the cluster; what they leave."""
     swarm.apply(**CALM)
     swarm.wait("condition=GoalsMet")

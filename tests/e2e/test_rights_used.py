@@ -25,7 +25,7 @@ from fleet_operator.flow.files import collect, to_config_maps
 from tests.chart import NAMESPACE, RELEASE, ROOT, Helm, Manifest
 from tests.fleet_runs import write_application
 from tests.testbed.control_plane import ControlPlane, control_plane
-from tests.testbed.faults import Fault
+from tests.testbed.faults import Fault, Moment
 from tests.testbed.ports import Ports
 from tests.testbed.processes import Program
 from tests.testbed.proxy import Proxy
@@ -172,12 +172,14 @@ def test_every_right_is_used_and_none_is_missing(site: Site) -> None:
     an_aggregator_gets_what_others_leave(site)
     the_functions_change(site)
     a_status_was_changed_by_somebody_else(site)
+    an_event_is_posted_without_an_answer(site)
     site.wait_until("all missions to be over", lambda: site.status().get("phase") == "Done")
     site.plane.kubectl("delete", "fleetspec", FLEET, "-n", FIELDS)
     site.wait_until("the end of the data", lambda: not site.storage.list(""))
 
     requests = [request for request in site.plane.requests() if request.user == USER and request.resource]
     assert [f"{each.code} {each.verb} {each.path}" for each in requests if each.code in {401, 403}] == []
+    assert [line for line in site.operator.log.read_text().splitlines() if "next try in" in line] == []
     used = {(request.group, request.resource, request.verb) for request in requests}
     assert used - site.granted == set()
     assert site.granted - used == set(NOT_IN_THE_LOG)
@@ -197,12 +199,12 @@ def wait_without_pods(site: Site) -> None:
 def all_agents_fail_and_the_mission_is_flown_again(site: Site) -> None:
     """Landings are written by the operator; when the user changes something, the Mission object is made anew."""
     site.wait_until("the end of a mission without agents", lambda: site.status().get("phase") == "Failed")
-    site.go_wrong("aggregator/1-2", sleep=20, times=1)
+    site.go_wrong("aggregator/1-2", sleep=8, times=1)
     site.apply(missions={"count": 3, "agentRetries": 1})
 
 
 def an_aggregator_gets_what_others_leave(site: Site) -> None:
-    """One aggregator takes longer than the others, and is given their share while it runs."""
+    """One aggregator takes longer than the others: it would get their share if the fake nodes could resize pods."""
     site.wait_until("the other aggregators' end", lambda: site.storage.exists(site.paths.retraining(1, "1")))
 
 
@@ -216,4 +218,9 @@ def the_functions_change(site: Site) -> None:
 def a_status_was_changed_by_somebody_else(site: Site) -> None:
     """The API server refuses what was written over an older version: the operator reads the object and writes anew."""
     for kind in ("fleetspecs", "missions"):
-        site.api.faults.append(Fault("PATCH", f"/{kind}/[^/]+/status", times=2, status=409))
+        site.api.faults.append(Fault("PATCH", f"/{kind}/[^/]+/status", times=1, status=409))
+
+
+def an_event_is_posted_without_an_answer(site: Site) -> None:
+    """The operator posts it again, hears that it is there, and counts it up."""
+    site.api.faults.append(Fault("POST", "/events", times=1, status=500, moment=Moment.AFTER))

@@ -1,6 +1,6 @@
 """The operator may be killed before or after any of its writes: the fleet comes to the same end.
 
-A seeded sample; `make crash-test` does it for every write, with two missions.
+A seeded sample; `make crash-test` does it for every write, and for a run of two missions.
 """
 
 from __future__ import annotations
@@ -14,4 +14,4 @@ pytestmark = pytest.mark.xdist_group("crash")
 
 @pytest.mark.parametrize("crash_kill", range(KILLS))
 def test_a_fleet_whose_operator_was_killed_comes_to_the_same_end(crash_runs: Runs, crash_kill: int) -> None:
-    assert crash_runs.kill(crash_kill) == [], crash_runs.names[crash_kill]
+    assert crash_runs.kill(crash_kill) == [], str(crash_runs.kills[crash_kill])

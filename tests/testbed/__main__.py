@@ -41,6 +41,7 @@ def up(options: argparse.Namespace) -> None:
     """Start the cluster, or say where it is when it runs."""
     running = _running(options.site)
     if running is None:
+        packages.ensure(packages.MACHINES)
         check_machines()
         for name in (*PROGRAMS, "kubectl"):
             tool(name)

@@ -32,7 +32,7 @@ def tool(name: str) -> Path:
         Missing: it is not in FLEET_TESTBED_BIN, or there is no Go to build it with.
         CommandFailed: the build failed.
     """
-    given = os.environ.get("FLEET_TESTBED_BIN")
+    given = os.environ.get("FLEET_TESTBED_BIN") or None
     if given:
         path = Path(given).resolve() / name
         if not path.is_file():
@@ -44,6 +44,14 @@ def tool(name: str) -> Path:
     return _folder(recipe) / name
 
 
+def is_there(name: str) -> bool:
+    """Whether a program, or "hadoop", is there without being made first."""
+    given = os.environ.get("FLEET_TESTBED_BIN") or None
+    if name == HADOOP:
+        return _hadoop_folder().is_dir() or (given is not None and _beside(given).is_dir())
+    return given is not None or _folder(recipe_of(name)).is_dir()
+
+
 def hadoop_jars() -> Path:
     """The folder of Hadoop's jars, fetched if it is not there yet; beside FLEET_TESTBED_BIN if that is set.
 
@@ -51,10 +59,9 @@ def hadoop_jars() -> Path:
         Missing: there is no Maven to fetch it with.
         CommandFailed: Maven failed.
     """
-    given = os.environ.get("FLEET_TESTBED_BIN")
-    beside = Path(given).resolve().parent / "hdfs-lib" if given else None
-    if beside is not None and beside.is_dir():
-        return beside
+    given = os.environ.get("FLEET_TESTBED_BIN") or None
+    if given and _beside(given).is_dir():
+        return _beside(given)
     if not _hadoop_folder().is_dir():
         build([HADOOP])
     return _hadoop_folder()
@@ -95,6 +102,10 @@ def _forget_old(programs: Path) -> None:
     for folder in programs.iterdir():
         if folder.name not in current:
             shutil.rmtree(folder)
+
+
+def _beside(programs: str) -> Path:
+    return Path(programs).resolve().parent / "hdfs-lib"
 
 
 def _folder(recipe: Recipe) -> Path:

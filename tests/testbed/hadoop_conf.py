@@ -15,7 +15,8 @@ BLOCK_BYTES = 1 << 20
 DURABLE: Site = {
     "dfs.replication": REPLICATION,
     "dfs.namenode.replication.min": REPLICATION,
-    "dfs.namenode.safemode.replication.min": 1,  # else a NameNode that starts while a machine is dark stays in safe mode
+    # Else a NameNode that starts while a machine is dark stays in safe mode.
+    "dfs.namenode.safemode.replication.min": 1,
     "dfs.client.block.write.replace-datanode-on-failure.enable": "true",
     "dfs.client.block.write.replace-datanode-on-failure.policy": "ALWAYS",
     "dfs.client.block.write.replace-datanode-on-failure.best-effort": "true",

@@ -96,18 +96,22 @@ def image_container(name: str, mounts: Mapping[str, Path] | None = None) -> Iter
         yield running
 
 
-def build_again(name: str, archive: Path) -> None:
-    """Build an image that is there once more, without any layer of the first time.
+def build_twice(name: str, second: Path) -> Path:
+    """Build an image, and then once more without any layer of the first time.
 
     Args:
         name: One of `NAMES`.
-        archive: Where the second one goes, as an OCI archive.
+        second: Where the second one goes, as an OCI archive.
+    Returns:
+        The first one.
     """
     tag = f"localhost/fleet-computer/again:{name}"
-    with _builder(ROOT) as builder:
+    with _builder(ROOT) as builder:  # one, so that both have the same inputs while somebody is editing them
+        first = builder.archive(name)
         builder.build(name, tag, fresh=True)
-        builder.store.write(tag, reference(name), archive)
+        builder.store.write(tag, reference(name), second)
         builder.store.run("rmi", tag)
+    return first
 
 
 @contextmanager

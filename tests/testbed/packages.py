@@ -35,14 +35,24 @@ def ensure(packages: Mapping[str, str]) -> None:
     Raises:
         Missing: some are not there and cannot be installed; the message has the command that does it.
     """
+    if os.geteuid() != 0 or shutil.which("apt-get") is None:
+        check(packages)
     if not _missing(packages):
         return
-    if os.geteuid() != 0 or shutil.which("apt-get") is None:
-        names = " ".join(_missing(packages))
-        raise Missing(f"missing: {names}; as root on Debian or Ubuntu: apt-get install --no-install-recommends {names}")
     with LOCK.open("w") as lock:  # apt-get does not wait for another one
         fcntl.flock(lock, fcntl.LOCK_EX)
         _install(_missing(packages))
+
+
+def check(packages: Mapping[str, str]) -> None:
+    """That the packages are there.
+
+    Raises:
+        Missing: some are not; the message has the command that installs them.
+    """
+    names = " ".join(_missing(packages))
+    if names:
+        raise Missing(f"missing: {names}; as root on Debian or Ubuntu: apt-get install --no-install-recommends {names}")
 
 
 def _install(names: list[str]) -> None:

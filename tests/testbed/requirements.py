@@ -10,7 +10,7 @@ from typing import NoReturn
 import pytest
 
 from tests.testbed import packages
-from tests.testbed.binaries import HADOOP, OWN, hadoop_jars, tool
+from tests.testbed.binaries import HADOOP, OWN, hadoop_jars, is_there, tool
 from tests.testbed.cgroups import hierarchies
 from tests.testbed.errors import BedError, CommandFailed, Missing
 from tests.testbed.processes import run
@@ -31,7 +31,9 @@ def refuse(reason: str) -> NoReturn:
 
 
 def need(*things: str) -> None:
-    """Skip or fail the test unless each thing is there, installed or built if that is possible.
+    """Skip the test unless each thing is there; where the test bed is required, make what is missing, or fail.
+
+    Making takes minutes, so that a test that somebody runs alone never starts it by itself.
 
     Args:
         things: "machines" (namespaces, control groups and what runs in machines), "hadoop" (jars and Java), a program
@@ -52,7 +54,7 @@ def check_machines() -> None:
     """
     if os.geteuid() != 0:
         raise Missing(f"machines need root: run as root, or {OTHER_CLUSTER}")
-    packages.ensure(packages.MACHINES)
+    packages.check(packages.MACHINES)
     hierarchies()
     try:
         run(["unshare", "--fork", "--pid", "--mount", "--uts", "--ipc", "--cgroup", "--net", "--mount-proc", "true"])
@@ -62,16 +64,31 @@ def check_machines() -> None:
         ) from error
 
 
+def _machines() -> None:
+    if required():
+        packages.ensure(packages.MACHINES)
+    check_machines()
+
+
 def _hadoop() -> None:
-    packages.ensure(packages.HADOOP)
+    if required():
+        packages.ensure(packages.HADOOP)
+    packages.check(packages.HADOOP)
+    _made(HADOOP)
     hadoop_jars()
 
 
 def _program(name: str) -> None:
     if name in OWN:
+        _made(name)
         tool(name)
     elif shutil.which(name, path=f"{os.environ.get('PATH', '')}:{packages.SYSTEM_PATH}") is None:
         raise Missing(f"{name} is not on the PATH: install it")
 
 
-CHECKS: dict[str, Callable[[], None]] = {"machines": check_machines, HADOOP: _hadoop}
+def _made(name: str) -> None:
+    if not required() and not is_there(name):
+        raise Missing(f"{name} is not built yet: run `make testbed` (once, some minutes), or set FLEET_TESTBED_BIN")
+
+
+CHECKS: dict[str, Callable[[], None]] = {"machines": _machines, HADOOP: _hadoop}

@@ -76,3 +76,9 @@ def test_a_value_that_is_not_possible_is_refused_with_those_that_are(name: str, 
 def test_a_misspelt_variable_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"FLEET_OPERATOR_WORKER is not a variable.*FLEET_OPERATOR_WORKERS"):
         from_environment({"FLEET_OPERATOR_WORKER": "3"})
+
+
+def test_variables_that_kubernetes_sets_for_a_service_of_this_name_are_not_meant_for_the_operator() -> None:
+    links = ("SERVICE_HOST", "SERVICE_PORT", "SERVICE_PORT_HEALTH", "PORT", "PORT_8080_TCP", "PORT_8080_TCP_PROTO")
+    config = from_environment({f"FLEET_OPERATOR_{name}": "tcp://10.96.3.4:8080" for name in links})
+    assert config == Config(identity=config.identity)

@@ -12,6 +12,7 @@ import pytest
 from tests.testbed.audit import Request, read_audit_log
 from tests.testbed.configuration import faces
 from tests.testbed.errors import NotReady
+from tests.testbed.fixtures import elsewhere
 from tests.testbed.image_store import images_of
 from tests.testbed.machine import INIT
 from tests.testbed.ports import Ports
@@ -130,3 +131,26 @@ def test_waiting_ends_with_what_is_found_or_with_what_was_waited_for() -> None:
 
 def test_the_first_process_of_a_machine_is_a_program() -> None:
     assert INIT.stat().st_mode & 0o111
+
+
+@pytest.mark.xdist_group("grouped")
+def test_tests_of_a_group_are_sent_to_one_worker(request: pytest.FixtureRequest) -> None:
+    if not request.config.getoption("loadgroup", default=False):
+        pytest.skip("only with pytest -n N --dist loadgroup")
+    # pytest-xdist 3.8 groups by this suffix, and pytest 9.2 does not let it be added: each worker would have machines.
+    assert request.node.nodeid.endswith("@grouped")
+
+
+def test_a_cluster_that_is_not_ours_is_used_only_when_that_is_said(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    kubeconfig = tmp_path / "config"
+    kubeconfig.touch()
+    monkeypatch.setenv("KUBECONFIG", str(kubeconfig))
+    monkeypatch.delenv("FLEET_TEST_CLUSTER", raising=False)
+    assert elsewhere() is None
+    monkeypatch.setenv("FLEET_TEST_CLUSTER", "kubeconfig")
+    assert elsewhere() == kubeconfig
+    kubeconfig.unlink()
+    with pytest.raises(pytest.fail.Exception, match="set KUBECONFIG"):
+        elsewhere()

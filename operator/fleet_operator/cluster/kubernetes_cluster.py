@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from fleet_operator.cluster.errors import Conflict, Forbidden, NotFound
+from fleet_operator.cluster.errors import Conflict, Forbidden, Invalid, NotFound
 from fleet_operator.cluster.events import Recorder
 from fleet_operator.cluster.glance import head_of_object
 from fleet_operator.cluster.memory import Memory, unpacked
@@ -141,6 +141,11 @@ class KubernetesCluster:
             await self._transport.send(Call("patch", path, body, content=STRATEGIC))
         except NotFound:
             return False
+        except Invalid as error:
+            # "Pod running on node without support for resize": its kubelet is older than the API server.
+            if "support for resize" in str(error):
+                return False
+            raise
         except Forbidden as error:
             # The one kind of 403 that is no lack of rights: "node didn't have enough allocatable resources".
             if "allocatable" in str(error):

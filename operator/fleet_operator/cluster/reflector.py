@@ -49,7 +49,7 @@ class Scope:
     kind: Kind
     namespace: str = ""
     selector: str = ""
-    page: int = 500
+    page: int = 200
     optional: bool = False
 
     def __str__(self) -> str:

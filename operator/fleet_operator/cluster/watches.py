@@ -46,7 +46,7 @@ class Watches:
         self._custom = [self._reflector(Scope(kind, namespace)) for kind in self._doubts for namespace in everywhere]
         built_in = [Scope(JOB, namespace, names.FLEET_LABEL) for namespace in everywhere]
         # A ConfigMap with files is up to 1 MiB, so few of them make a page of a reasonable size.
-        built_in += [Scope(CONFIG_MAP, namespace, names.FILES_LABEL, page=10) for namespace in everywhere]
+        built_in += [Scope(CONFIG_MAP, namespace, names.FILES_LABEL, page=4) for namespace in everywhere]
         built_in += [Scope(NODE, optional=True)]
         self._built_in = [self._reflector(scope) for scope in built_in]
 

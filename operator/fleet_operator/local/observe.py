@@ -44,6 +44,7 @@ class Observer:
             given_up: Subsets whose aggregators have failed for good, by mission.
             broken: Why the run cannot go on; "" when it can.
         """
+
         def due(number: int) -> frozenset[str]:
             wanted = {each.subset for each in self.terms(number) if each.level > 0}
             return frozenset(wanted - set(given_up.get(number, ())))

@@ -139,7 +139,9 @@ def _pack(folder: Path, reference: str, archive: Path) -> None:
 
     Source: OCI Image Format Specification, "Image Layout"; the annotation is containerd's.
     """
-    manifest = (folder / "manifest.json").read_bytes()
+    described = json.loads((folder / "manifest.json").read_bytes())
+    described.pop("annotations", None)  # buildah's own name and digest of the base, which mean nothing elsewhere
+    manifest = json.dumps(described, sort_keys=True).encode()
     digest = hashlib.sha256(manifest).hexdigest()
     (folder / digest).write_bytes(manifest)
     entry = {
