@@ -123,6 +123,8 @@ def leader_frozen(trial: Trial) -> None:
 @contextmanager
 def _second(trial: Trial) -> Iterator[Operator]:
     """Another replica, which waits for the lease; it is the trial's own operator in the end."""
+    path = f"/apis/coordination.k8s.io/v1/namespaces/{trial.namespace}/leases/fleet-operator"
+    trial.wait_until("the first operator has the lease", lambda: trial.world.cluster.get(path))
     second = Operator(trial.world, trial.slot, trial.namespace, "operator-1", trial.environment)
     second.start()
     try:

@@ -183,16 +183,16 @@ class Trial:
         """Whether a Job of a mission has had a pod."""
         return names.mission_job(role, FLEET, mission, member) in self.starts()
 
-    def hold(self, agent: str, seconds: float, mission: int = 1) -> None:
-        """Have an agent's flight last, and wait until it flies; a pod that comes after the first does not wait."""
-        if mission == 1:
-            self.wait_until("storage is prepared", lambda: self.storage.exists(self.paths.fleet_spec))
-        self._set_fault(f"workflow {agent}", {"sleep": seconds, "times": 1})
-        self.wait_until(f"{agent} flies", lambda: self.storage.exists(self.paths.log(mission, agent)))
+    def hold(self, agent: str, seconds: float) -> None:
+        """Have an agent's first flight last, and wait until it flies; a pod that comes after that does not wait."""
+        self.wait_until("storage is prepared", lambda: self.storage.exists(self.paths.fleet_spec))
+        path = self._set_fault(f"workflow {agent}", {"sleep": seconds, "times": 1})
+        self.wait_until(f"{agent} flies", lambda: json.loads(self.storage.read(path))["times"] == 0)
 
-    def _set_fault(self, program: str, fault: Mapping[str, float]) -> None:
+    def _set_fault(self, program: str, fault: Mapping[str, float]) -> str:
         path = f"{self.paths.root}/faults/{program.replace(' ', '/')}.json"
         self.storage.write(path, json.dumps(fault).encode())
+        return path
 
     # -- what a run leaves
 

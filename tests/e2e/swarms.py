@@ -23,7 +23,7 @@ FLEET = "scout"
 PATIENCE_S = 600.0
 SERVERS_OWN = "configmap/kube-root-ca.crt"
 KINDS = "missions,jobs,pods,services,endpointslices,networkpolicies,configmaps"
-_STEP_S = 0.8
+_STEP_S = 1.0
 
 
 def write_spec(folder: Path, namespace: str, **missions: Any) -> Path:
@@ -98,10 +98,6 @@ class Swarm:
         about = self.cluster.kubectl("describe", "fleetspec", FLEET, "-n", self.namespace, check=False)
         objects = self.cluster.kubectl("get", "jobs,pods", "-o", "wide", "-n", self.namespace, check=False)
         return f"{about[-4000:]}\n{objects}"
-
-    def phase(self) -> str:
-        phase: str = self.get("fleetspec", FLEET)["status"].get("phase", "")
-        return phase
 
     def reasons(self) -> list[str]:
         """Reasons of the events about the FleetSpec, the oldest first."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from fleet.spec.functions import EvalSpec, FunctionSpec, MapSpec
 from fleet.spec.resources import Fleet, FleetSpec
+from fleet.storage.webhdfs_address import with_copies
 from fleet_operator.compiler.bundle import Bundle
 from fleet_operator.compiler.settings import Settings
 from fleet_operator.policy.shares import Share
@@ -51,8 +52,9 @@ class Target:
 
     @property
     def storage(self) -> str:
-        """Address of the storage that the roles are given."""
-        return self.storage_uri or self.fleet.storage.uri or self.settings.storage_uri
+        """Address of the storage that the roles are given; with the copies that the FleetSpec asks for."""
+        address = self.storage_uri or self.fleet.storage.uri or self.settings.storage_uri
+        return with_copies(address, self.fleet.storage.replication)
 
 
 @dataclass(frozen=True)

@@ -40,8 +40,9 @@ async def sweep(means: Means, alive: Mapping[ObjectRef, str]) -> None:
     Raises:
         StorageError, ClusterError: to be tried again.
     """
-    owners = {(ref.namespace, ref.name): uid for ref, uid in alive.items()}
+    # In this order: a FleetSpec that claims its data between the two is among the living.
     claims = await asyncio.to_thread(all_claims, means.platform)
+    owners = {(ref.namespace, ref.name): uid for ref, uid in alive.items()}
     for claim in abandoned(claims, owners):
         if means.namespaces and claim.namespace not in means.namespaces:
             continue  # another operator's, which shares the storage

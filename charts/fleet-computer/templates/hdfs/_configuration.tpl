@@ -15,6 +15,8 @@ dfs.replication: {{ .Values.hdfs.replication | quote }}
 # An acknowledged write is on two machines. Without ALWAYS a pipeline of two that loses one goes on with one, and with
 # DEFAULT its end is refused; best effort lets it go on when there is no third machine, and close is what is refused.
 dfs.namenode.replication.min: {{ .Values.hdfs.minReplication | quote }}
+{{- /* On a site of three machines the busy one is needed too: without it there may be no place for a second copy. */}}
+dfs.namenode.redundancy.considerLoad: "false"
 dfs.client.block.write.replace-datanode-on-failure.enable: "true"
 dfs.client.block.write.replace-datanode-on-failure.policy: ALWAYS
 dfs.client.block.write.replace-datanode-on-failure.best-effort: "true"
