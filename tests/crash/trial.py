@@ -21,7 +21,7 @@ from tests.testbed.faults import Moment
 
 PATIENCE_S = 120.0
 _QUIET_S = 0.8
-_LOOK_S = 0.1
+_LOOK_S = 0.2
 # What the garbage collector and the operator have to remove with a FleetSpec.
 _OWNED = ("Mission", "Job", "Pod", "Service", "ConfigMap", "NetworkPolicy")
 

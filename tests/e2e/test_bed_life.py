@@ -70,14 +70,10 @@ def test_a_bed_dies_with_its_owner_and_the_next_one_clears_up(tmp_path: Path) ->
         owner.send_signal(signal.SIGKILL)
     wait_for("the death of the machine", lambda: Cgroup(prefix, "hub").pids() == [], 20.0)
     assert read_record(site) is not None
-    _clear(site)
-    assert not any(_traces(site).values())
-
-
-def _clear(site: Site) -> None:
     with SiteLock(site) as lock:
         wait_for("the lock of the dead bed", lock.try_take, 20.0)
-        clear_up(site)
+        clear_up(site)  # as the next bed does
+    assert not any(_traces(site).values())
 
 
 def _traces(site: Site) -> dict[str, list[str]]:

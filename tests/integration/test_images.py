@@ -22,7 +22,7 @@ from tests.testbed.images import NAMES, build_twice, ensure_images, image_contai
 from tests.testbed.imaging.container import Container
 from tests.testbed.imaging.inputs import ROOT
 from tests.testbed.ports import Ports
-from tests.testbed.requirements import refuse
+from tests.testbed.requirements import need, refuse
 
 pytestmark = pytest.mark.xdist_group("images")
 
@@ -44,6 +44,7 @@ UNCHECKED_HASH = 0b01
 @pytest.fixture(scope="module")
 def archives() -> dict[str, Path]:
     """The archives of all images."""
+    need()
     try:
         return ensure_images()
     except Missing as error:

@@ -18,7 +18,7 @@ from tests.testbed.keeper import SPEC
 from tests.testbed.progress import say
 from tests.testbed.recipes import RECIPES
 from tests.testbed.records import MARK, SiteLock, clear_up, read_record
-from tests.testbed.requirements import check_machines, required
+from tests.testbed.requirements import check_machines, required, switched_off
 from tests.testbed.site import CLUSTER, BedSpec, Site, machines
 
 
@@ -109,6 +109,9 @@ def power_on(options: argparse.Namespace) -> None:
 
 def make(options: argparse.Namespace) -> None:
     """Build what the test bed is made of."""
+    if options.if_possible and switched_off():
+        say("FLEET_TESTBED=off: nothing is built, and the tests of real clusters, HDFS and images are skipped")
+        return
     try:
         _make(options)
     except BedError as error:

@@ -22,7 +22,7 @@ from tests.testbed.image_store import image_store, images_of
 from tests.testbed.keeper import SPEC
 from tests.testbed.power import send_magic_packet
 from tests.testbed.processes import LOG_TAIL
-from tests.testbed.records import MARK, SiteLock, read_record, socket_path
+from tests.testbed.records import MARK, SiteLock, clear_up, read_record, socket_path
 from tests.testbed.site import TESTS, BedSpec, Site
 from tests.testbed.small_images import small_images
 from tests.testbed.waiting import wait_for
@@ -223,13 +223,21 @@ def _start(
 
 
 def _free_site(sites: Sequence[Site]) -> SiteLock:
+    """The lock of the first site that nobody has; what killed beds have left at the others is removed."""
+    chosen: SiteLock | None = None
     for site in sites:
         lock = SiteLock(site)
-        if lock.try_take():
-            return lock
-        lock.close()
-    taken = ", ".join(f"{site.prefix} ({record.folder})" for site in sites if (record := read_record(site)))
-    raise BedError(f"every site has a bed already: {taken}")
+        if not lock.try_take():
+            lock.close()
+        elif chosen is None:
+            chosen = lock  # the keeper clears up there
+        else:
+            clear_up(site)
+            lock.close()
+    if chosen is None:
+        taken = ", ".join(f"{site.prefix} ({record.folder})" for site in sites if (record := read_record(site)))
+        raise BedError(f"every site has a bed already: {taken}")
+    return chosen
 
 
 def _await_keeper(started: Bed, process: subprocess.Popen[bytes]) -> None:

@@ -29,6 +29,10 @@ class Refused(Exception):
         self.status = status
 
 
+AWAY = (aiohttp.ClientError, TimeoutError, Refused)
+"""How a call ends when the server is away for longer than it is waited for, or says no."""
+
+
 class Api:
     """Calls to the server of a kubeconfig; an API server that is away for a while is waited for."""
 
@@ -93,7 +97,7 @@ class Mirror:
 
     async def run(self) -> None:
         while True:
-            with contextlib.suppress(aiohttp.ClientError, TimeoutError, Refused, json.JSONDecodeError):
+            with contextlib.suppress(*AWAY, json.JSONDecodeError):
                 version = await self._list()
                 await self._watch(version)
             await asyncio.sleep(_PAUSE_S)

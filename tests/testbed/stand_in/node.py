@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
-from tests.testbed.stand_in.api import MERGE, Api, Refused
+from tests.testbed.stand_in.api import AWAY, MERGE, Api, Refused
 from tests.testbed.stand_in.statuses import now
 
 LEASES = "/apis/coordination.k8s.io/v1/namespaces/kube-node-lease/leases"
@@ -95,6 +95,6 @@ async def keep_alive(api: Api, shapes: Sequence[Shape], is_dark: Callable[[str],
     while True:
         for shape in shapes:
             if not is_dark(shape.name):
-                with contextlib.suppress(Refused):
+                with contextlib.suppress(*AWAY):
                     await renew(api, shape)
         await asyncio.sleep(every_s)
