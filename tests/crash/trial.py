@@ -132,9 +132,8 @@ class Trial:
         self.operator.start()
         self.starts_of_operator += 1
 
-    def _kill_operator(self) -> None:
-        proxy = self.slot.proxies[self.kill.door] if self.kill is not None else self.slot.api
-        self.killed_at = " ".join(proxy.requests[-1])
+    def _kill_operator(self, write: str) -> None:
+        self.killed_at = write
         self.operator.kill()
 
     # -- what a run waits for

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import pytest
 
-from tests.crash.fixtures import Runs
+from tests.crash.runs import Runs
 from tests.crash.scenarios import SCENARIOS, Scenario
 
+pytest_plugins = ["tests.crash.fixtures"]
 pytestmark = pytest.mark.xdist_group("crash")
 QUICK = [pytest.param(each, id=each.name) for each in SCENARIOS if each.quick]
 

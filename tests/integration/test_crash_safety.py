@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import pytest
 
-from tests.crash.fixtures import KILLS, Runs
+from tests.crash.runs import KILLS, Runs
 
+pytest_plugins = ["tests.crash.fixtures"]
 pytestmark = pytest.mark.xdist_group("crash")
 
 

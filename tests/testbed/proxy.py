@@ -2,7 +2,7 @@
 
     with Proxy(cluster.url, ca=cluster.ca) as proxy:
         kubeconfig = proxy.kubeconfig(folder, cluster.token)
-        proxy.at_write(7, Moment.AFTER, lambda: os.kill(pid, signal.SIGKILL))
+        proxy.at_write(7, Moment.AFTER, lambda write: os.kill(pid, signal.SIGKILL))
 
 It listens at a free port of the loopback address, by TLS when the server does, in a thread of its own. Watches pass
 through unbuffered. Redirects of a NameNode are rewritten, so that data goes through the proxy too.
@@ -39,7 +39,7 @@ _START_S = 10.0
 class _Hook:
     number: int
     moment: Moment
-    call: Callable[[], None]
+    call: Callable[[str], None]
 
 
 @dataclass(eq=False)
@@ -111,8 +111,12 @@ class Proxy:
 
     # -- what a test does with it
 
-    def at_write(self, number: int, moment: Moment, call: Callable[[], None]) -> None:
-        """Call something at the write of this number, counted from the last `start_counting`; then drop the request."""
+    def at_write(self, number: int, moment: Moment, call: Callable[[str], None]) -> None:
+        """Call something with a write's method and path, and drop the request.
+
+        Args:
+            number: Of the write, counted from the last `start_counting`.
+        """
         self._hook = _Hook(number, moment, call)
 
     def start_counting(self) -> None:
@@ -120,11 +124,6 @@ class Proxy:
         self._number, self._hook = 0, None
         self.writes.clear()
         self.requests.clear()
-
-    @property
-    def is_hooked(self) -> bool:
-        """Whether the hook still waits for its write."""
-        return self._hook is not None
 
     def down(self) -> None:
         """Refuse connections, and reset those that are open."""
@@ -210,7 +209,7 @@ class Proxy:
                 return _answer(fault)
         body = await request.read()
         number = self._count(request.method, path)
-        self._come(number, Moment.BEFORE)
+        self._come(request, number, Moment.BEFORE)
         url = self._target(path)
         async with self._client.request(
             request.method, url, data=body or None, headers=_passed(request.headers), allow_redirects=False
@@ -220,7 +219,7 @@ class Proxy:
             content = await got.read()
         if number:
             self.writes.append(Write(request.method, path, body, got.status, time.time()))
-        self._come(number, Moment.AFTER)
+        self._come(request, number, Moment.AFTER)
         if fault is not None and fault.answers:
             return _answer(fault)
         return self._answered(got, content)
@@ -232,11 +231,12 @@ class Proxy:
         self._number += 1
         return self._number
 
-    def _come(self, number: int, moment: Moment) -> None:
+    def _come(self, request: web.Request, number: int, moment: Moment) -> None:
+        """Call the hook when this is its write."""
         hook = self._hook
         if hook is not None and number and (hook.number, hook.moment) == (number, moment):
             self._hook = None
-            hook.call()
+            hook.call(f"{request.method} {request.raw_path}")
             raise _Dropped
 
     def _target(self, path: str) -> str:
