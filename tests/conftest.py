@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,10 @@ from hypothesis import HealthCheck, settings
 pytest_plugins = ["tests.testbed.fixtures", "tests.testbed.hdfs_fixtures"]
 
 ROOT = Path(__file__).resolve().parent.parent
+
+# A shell that starts the tests in the background has them ignore Ctrl-C, and so would the programs that they interrupt.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # How fast a machine is says nothing about the code: examples have no deadline, and making them may take long.
 settings.register_profile("fleet", deadline=None, suppress_health_check=[HealthCheck.too_slow])
