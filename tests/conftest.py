@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-pytest_plugins = ["tests.testbed.fixtures", "tests.testbed.hdfs_fixtures"]
+pytest_plugins = ["tests.testbed.fixtures", "tests.testbed.hdfs_fixtures", "tests.crash.fixtures"]
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -10,10 +10,10 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 
-from tests.crash.application import LONG, ROUGH, SMOOTH, Story
+from tests.crash.application import LONG, ROUGH, Story
 from tests.crash.campaign import all_kills, carry_out, check, problems, sample
 from tests.crash.scenarios import SCENARIOS, Scenario
-from tests.crash.trial import Kill, Plan, Result, run_trial
+from tests.crash.trial import Kill, Plan, run_trial
 from tests.crash.world import World, cores, world
 from tests.testbed.faults import Moment
 
@@ -51,24 +51,24 @@ def kills(place: World, name: str, story: Story, given: argparse.Namespace) -> i
 
 def faults(place: World, wanted: Sequence[str]) -> int:
     """Run the scenarios of these names, or all; how many left a difference."""
-    expected = run_trial(place, Plan("smooth", SMOOTH))
     selected = [each for each in SCENARIOS if not wanted or each.name in wanted]
+    stories = {each.story.fleet: each.story for each in selected}
+    expected = {fleet: run_trial(place, Plan(f"{fleet}-undisturbed", story)) for fleet, story in stories.items()}
+
+    def run(scenario: Scenario) -> list[str]:
+        return check(place, expected[scenario.story.fleet], scenario.plan, scenario.allowed)
+
     failed = 0
     with ThreadPoolExecutor(place.slots.qsize()) as pool:
-        runs = {pool.submit(_scenario, place, expected, each): each for each in selected if not each.alone}
-        for run in as_completed(runs):
-            failed += bool(run.result())
-            tell(runs[run].name, run.result())
-    for each in selected:
-        if each.alone:
-            lines = _scenario(place, expected, each)
-            failed += bool(lines)
-            tell(each.name, lines)
+        runs = {pool.submit(run, each): each for each in selected if not each.alone}
+        for each in as_completed(runs):
+            failed += bool(each.result())
+            tell(runs[each].name, each.result())
+    for scenario in [each for each in selected if each.alone]:
+        lines = run(scenario)
+        failed += bool(lines)
+        tell(scenario.name, lines)
     return failed
-
-
-def _scenario(place: World, expected: Result, scenario: Scenario) -> list[str]:
-    return check(place, expected, scenario.plan, scenario.allowed)
 
 
 def chosen(given: argparse.Namespace, writes: Mapping[str, int]) -> list[Kill]:

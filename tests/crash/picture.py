@@ -27,7 +27,7 @@ _PROGRESS = re.compile(r"\b\d+ of (?=\d+ )")
 _PASSING = {"Training", "Retraining", "Weighing", "Flying"}
 # Troubles of a step are told together; one that came and went while no operator looked is not told.
 _TROUBLES = {"AgentFailed"}
-_MEASURED = {"cpuS", "wallS", "cpu_s", "wall_s"}
+_MEASURED = {"cpuS", "wallS", "energyJ"}
 _COMPARED = ("FleetSpec", "Mission", "Job", "Service", "ConfigMap", "NetworkPolicy")
 _SERVERS_OWN = "kube-root-ca.crt"
 _FAULTS = "/faults/"

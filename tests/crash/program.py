@@ -18,15 +18,11 @@ from tests.testbed.processes import Program
 ROOT = Path(__file__).resolve().parent.parent.parent
 
 
-def image(namespace: str) -> str:
-    """The image of a run's pods; each run has one of its own, so that it can be missing."""
-    return f"stand-in/{namespace}:1"
-
-
 class Operator:
     """`python -m fleet_operator` for the fleets of one namespace.
 
     Args:
+        image: Of the pods.
         pod: What a lease knows it by; a container that is started again in its pod is the same.
         environment: More variables.
     """
@@ -36,6 +32,7 @@ class Operator:
         world: World,
         slot: Slot,
         namespace: str,
+        image: str,
         pod: str = "operator-0",
         environment: Mapping[str, str] | None = None,
     ) -> None:
@@ -47,7 +44,7 @@ class Operator:
             "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "operator")]),
             "KUBECONFIG": str(slot.kubeconfig),
             "FLEET_OPERATOR_IDENTITY": pod,
-            "FLEET_OPERATOR_RUNTIME_IMAGE": image(namespace),
+            "FLEET_OPERATOR_RUNTIME_IMAGE": image,
             "FLEET_OPERATOR_STORAGE_URI": world.storage_uri(f"127.0.0.1:{slot.storage.port}", namespace),
             "FLEET_OPERATOR_NAMESPACE": namespace,
             "FLEET_OPERATOR_WATCH_NAMESPACES": namespace,

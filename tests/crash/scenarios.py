@@ -9,14 +9,15 @@ from dataclasses import dataclass, field
 
 from fleet_operator.resources import names
 from fleet_operator.resources.roles import Role
-from tests.crash.application import AGENTS, FLEET, SMOOTH
+from tests.crash.application import AGENTS, FLEET, REAL, SMOOTH, Story
 from tests.crash.campaign import NOTHING, Allowed
-from tests.crash.program import Operator, image
+from tests.crash.program import Operator
 from tests.crash.trial import Plan, Trial
 from tests.testbed.faults import WRITES, Fault, Moment
 
 AGENT = "agent-1"
 _LONG_S = 600.0
+_SOME_RECORDS = 10
 _SOME_WRITES = "|".join(sorted(WRITES))
 
 
@@ -125,7 +126,7 @@ def _second(trial: Trial) -> Iterator[Operator]:
     """Another replica, which waits for the lease; it is the trial's own operator in the end."""
     path = f"/apis/coordination.k8s.io/v1/namespaces/{trial.namespace}/leases/fleet-operator"
     trial.wait_until("the first operator has the lease", lambda: trial.world.cluster.get(path))
-    second = Operator(trial.world, trial.slot, trial.namespace, "operator-1", trial.environment)
+    second = trial.new_operator("operator-1")
     second.start()
     try:
         yield second
@@ -140,10 +141,7 @@ def _second(trial: Trial) -> Iterator[Operator]:
 def evicted(trial: Trial) -> None:
     """The pod of a workflow is evicted in mid-flight."""
     trial.hold(AGENT, _LONG_S)
-    pod = _pod_of(trial, Role.WORKFLOW, AGENT)
-    path = f"/api/v1/namespaces/{trial.namespace}/pods/{pod}/eviction"
-    metadata = {"name": pod, "namespace": trial.namespace}
-    trial.world.cluster.post(path, {"apiVersion": "policy/v1", "kind": "Eviction", "metadata": metadata})
+    _evict(trial, _pod_of(trial, Role.WORKFLOW, AGENT))
 
 
 def made_anew(trial: Trial) -> None:
@@ -152,6 +150,15 @@ def made_anew(trial: Trial) -> None:
     trial.remove()
     trial.wait_until("the FleetSpec is gone", lambda: not trial.fleet())
     trial.apply()
+
+
+def flight_killed(trial: Trial) -> None:
+    """With real roles: the pod of a workflow is evicted, and the operator killed, after some states of the flight."""
+    log = trial.paths.log(1, AGENT)
+    trial.wait_until("the agent has flown a part", lambda: _records(trial, log) >= _SOME_RECORDS)
+    _evict(trial, _pod_of(trial, Role.WORKFLOW, AGENT))
+    trial.operator.kill()
+    trial.start_operator()
 
 
 def node_lost(trial: Trial) -> None:
@@ -169,9 +176,9 @@ def node_lost(trial: Trial) -> None:
 
 def image_missing(trial: Trial) -> None:
     """No node has the image, until somebody loads it."""
-    trial.world.kubelet.lose_image(image(trial.namespace))
+    trial.world.kubelet.lose_image(trial.image)
     trial.wait_until("the missing image is told", lambda: trial.condition("Degraded") == ("True", "ImageMissing"))
-    trial.world.kubelet.load_image(image(trial.namespace))
+    trial.world.kubelet.load_image(trial.image)
     trial.wait_until("nothing is told any more", lambda: trial.condition("Degraded")[0] == "False")
 
 
@@ -224,17 +231,27 @@ def everything_restarts(trial: Trial) -> None:
     trial.world.hdfs.stop_datanode(0)
     try:
         trial.world.hdfs.restart_namenode()
-        trial.wait_until("models are retrained", lambda: trial.has_started(Role.AGGREGATOR, 1, "1"))
+        trial.wait_until("models are retrained", lambda: trial.job(Role.AGGREGATOR, "1") in trial.starts())
         trial.world.plane.restart_api_server()
     finally:
         trial.world.hdfs.start_datanode(0)
 
 
 def _pod_of(trial: Trial, role: Role, agent: str) -> str:
-    job = names.mission_job(role, FLEET, 1, agent)
+    job = trial.job(role, agent)
     started = trial.world.kubelet.journal(trial.namespace, "started")
     pod: str = next(line["pod"] for line in started if line["job"] == job)
     return pod
+
+
+def _evict(trial: Trial, pod: str) -> None:
+    path = f"/api/v1/namespaces/{trial.namespace}/pods/{pod}/eviction"
+    metadata = {"name": pod, "namespace": trial.namespace}
+    trial.world.cluster.post(path, {"apiVersion": "policy/v1", "kind": "Eviction", "metadata": metadata})
+
+
+def _records(trial: Trial, log: str) -> int:
+    return trial.storage.read(log).count(b"\n") if trial.storage.exists(log) else 0
 
 
 def _is_leaving(trial: Trial, path: str) -> bool:
@@ -255,6 +272,7 @@ class Scenario:
         alone: No other run goes on meanwhile.
         quick: Part of `make test`; the rest is in `make crash-test`.
         environment: More variables of the operator.
+        story: What goes on by itself.
     """
 
     disturb: Callable[[Trial], None]
@@ -262,6 +280,7 @@ class Scenario:
     alone: bool = False
     quick: bool = True
     environment: Mapping[str, str] = field(default_factory=dict)
+    story: Story = SMOOTH
 
     @property
     def name(self) -> str:
@@ -270,7 +289,7 @@ class Scenario:
     @property
     def plan(self) -> Plan:
         """The run with this fault."""
-        return Plan(self.name, SMOOTH, None, self.disturb, self.environment)
+        return Plan(self.name, self.story, None, self.disturb, self.environment)
 
 
 _WORKFLOW = names.mission_job(Role.WORKFLOW, FLEET, 1, AGENT)
@@ -283,6 +302,7 @@ _FLIGHTS = {
 }
 _NODE_LOST = Allowed(frozenset({"NodeLost", "Recovered"}), started_again=frozenset(_FLIGHTS))
 _MADE_ANEW = Allowed(started_again=frozenset({names.training_job(FLEET), *_FLIGHTS}))
+_REAL_FLIGHT = Allowed(started_again=frozenset({names.mission_job(Role.WORKFLOW, REAL.fleet, 1, AGENT)}))
 SCENARIOS = (
     Scenario(api_storm, _TRIED_LESS),
     Scenario(conflicts, _TRIED_LESS, quick=False),
@@ -297,6 +317,7 @@ SCENARIOS = (
     Scenario(leader_killed, environment=_SHORT_LEASE),
     Scenario(leader_frozen, environment=_SHORT_LEASE, quick=False),
     Scenario(evicted, Allowed(started_again=frozenset({_WORKFLOW}))),
+    Scenario(flight_killed, _REAL_FLIGHT, story=REAL, quick=False),
     Scenario(image_missing, _told("ImageMissing")),
     Scenario(quota_exceeded, _told("QuotaExceeded")),
     Scenario(deleted_in_flight, quick=False),

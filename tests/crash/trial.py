@@ -12,7 +12,7 @@ from fleet.storage.layout import FleetPaths
 from fleet.storage.open import open_storage
 from fleet_operator.resources import names
 from fleet_operator.resources.roles import Role
-from tests.crash.application import FLEET, Story, fleet_spec
+from tests.crash.application import Story
 from tests.crash.cluster import FLEETS, Manifest
 from tests.crash.picture import Picture, take_picture
 from tests.crash.program import Operator
@@ -87,10 +87,11 @@ class Trial:
     patience_s: float = PATIENCE_S
 
     def __post_init__(self) -> None:
-        self.operator = Operator(self.world, self.slot, self.namespace, environment=self.environment)
+        self.image = self.story.image(self.namespace)
+        self.operator = self.new_operator("operator-0")
         self.storage = open_storage(self.world.storage_uri(self.world.hdfs.address, self.namespace))
-        self.path = f"{FLEETS.format(self.namespace)}/{FLEET}"
-        self.paths = FleetPaths(self.namespace, FLEET)
+        self.path = f"{FLEETS.format(self.namespace)}/{self.story.fleet}"
+        self.paths = FleetPaths(self.namespace, self.story.fleet)
 
     def run(self) -> Result:
         """From the first start of the operator to the removal of the fleet."""
@@ -123,9 +124,13 @@ class Trial:
 
     def apply(self) -> None:
         """`kubectl apply` of the FleetSpec."""
-        self.world.cluster.apply("FleetSpec", fleet_spec(self.namespace, self.story.missions))
+        self.world.cluster.apply("FleetSpec", self.story.document(self.world.library, self.namespace))
 
     # -- the operator
+
+    def new_operator(self, pod: str) -> Operator:
+        """A replica that does not run yet."""
+        return Operator(self.world, self.slot, self.namespace, self.image, pod, self.environment)
 
     def start_operator(self) -> None:
         """Start it, for the first time or again."""
@@ -178,9 +183,9 @@ class Trial:
         last = [proxy.writes[-1].at_s for proxy in self.slot.proxies.values() if proxy.writes]
         return bool(last) and time.time() - max(last) > _QUIET_S and self.operator.is_ready_for(_QUIET_S)
 
-    def has_started(self, role: Role, mission: int, member: str) -> bool:
-        """Whether a Job of a mission has had a pod."""
-        return names.mission_job(role, FLEET, mission, member) in self.starts()
+    def job(self, role: Role, member: str) -> str:
+        """Name of a Job of the first mission."""
+        return names.mission_job(role, self.story.fleet, 1, member)
 
     def hold(self, agent: str, seconds: float) -> None:
         """Have an agent's first flight last, and wait until it flies; a pod that comes after that does not wait."""

@@ -103,7 +103,7 @@ def stand_in_kubelet(
     """Run fake nodes until the end of the `with`.
 
     Args:
-        roles: "stand-in" or "real".
+        roles: "stand-in" or "real"; pods whose image is `real/...` have the real ones in any case.
         replace: Texts that are replaced in the values of the containers' variables: the address of a storage that
             the operator is to reach by a proxy, for instance.
     """
@@ -127,18 +127,16 @@ def stand_in_kubelet(
 
 
 async def _run(kubeconfig: Path, folder: Path, settings: Mapping[str, Any]) -> None:
-    from fleet_operator.local.processes import Nursery  # noqa: PLC0415 - only the stand-in's own process needs these
-    from tests.testbed.stand_in.api import Api  # noqa: PLC0415
-    from tests.testbed.stand_in.forks import StandIns  # noqa: PLC0415
+    from tests.testbed.stand_in.api import Api  # noqa: PLC0415 - only the stand-in's own process needs these
+    from tests.testbed.stand_in.forks import Nurseries  # noqa: PLC0415
     from tests.testbed.stand_in.kubelet import Kubelet  # noqa: PLC0415
 
-    nursery = StandIns() if settings["roles"] == "stand-in" else Nursery()
     task = asyncio.current_task()
     if task is not None:
         asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
     async with Api(kubeconfig) as api:
         shapes = [Shape(**each) for each in settings["nodes"]]
-        kubelet = Kubelet(api, nursery, folder, shapes, settings["replace"])
+        kubelet = Kubelet(api, Nurseries(settings["roles"]), folder, shapes, settings["replace"])
         try:
             await kubelet.run()
         finally:

@@ -11,7 +11,7 @@ import sys
 import traceback
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from fleet_operator.local.processes import Nursery, Process
 from tests import stand_in_roles
@@ -66,6 +66,28 @@ class StandIns(Nursery):
         if pid == 0:
             _become(arguments, environment, folder, log, runner)
         return Fork(pid)
+
+
+class Nurseries:
+    """Starts the processes of a pod as its image asks for.
+
+    Args:
+        roles: stand-in or real; a pod whose image is `real/...` has the real ones in any case.
+    """
+
+    def __init__(self, roles: str) -> None:
+        self._real = Nursery()
+        self._usual = StandIns() if roles == "stand-in" else self._real
+
+    def of(self, pod: Mapping[str, Any]) -> Nursery:
+        """What starts the containers of a pod."""
+        is_real = pod["spec"]["containers"][0]["image"].startswith("real/")
+        return self._real if is_real else self._usual
+
+    def close(self) -> None:
+        """End what is left."""
+        self._usual.close()
+        self._real.close()
 
 
 def role_of(command: Sequence[str]) -> list[str] | None:

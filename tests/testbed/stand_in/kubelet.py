@@ -11,11 +11,11 @@ from collections.abc import Coroutine, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from fleet_operator.local.processes import Nursery
 from fleet_operator.local.workloads import UnsupportedManifest
 from tests.testbed.stand_in.api import MERGE, Api, Mirror, Refused
 from tests.testbed.stand_in.binding import Binder, path_of
 from tests.testbed.stand_in.entries import Entry, with_replaced
+from tests.testbed.stand_in.forks import Nurseries
 from tests.testbed.stand_in.node import Shape, keep_alive, register
 from tests.testbed.stand_in.orders import Orders
 from tests.testbed.stand_in.places import Places
@@ -37,10 +37,10 @@ class Kubelet:
     """
 
     def __init__(
-        self, api: Api, nursery: Nursery, folder: Path, shapes: Sequence[Shape], replace: Mapping[str, str]
+        self, api: Api, nurseries: Nurseries, folder: Path, shapes: Sequence[Shape], replace: Mapping[str, str]
     ) -> None:
         self._api = api
-        self._nursery = nursery
+        self._nurseries = nurseries
         self._folder = folder
         self._shapes = shapes
         self._replace = replace
@@ -84,7 +84,7 @@ class Kubelet:
                     entry.running.stop(0)
                     entry.running.step()
             time.sleep(_STEP_S)
-        self._nursery.close()
+        self._nurseries.close()
         self._places.close()
 
     def _touch(self) -> None:
@@ -199,7 +199,7 @@ class Kubelet:
             self._note(entry, "restarted", container=container, reason=reason)
 
         entry.started = now()
-        entry.running = RunningPod(manifest, entry.place, self._nursery, logs, died)
+        entry.running = RunningPod(manifest, entry.place, self._nurseries.of(manifest), logs, died)
         entry.running.step()
         self._note(entry, "started")
         return entry.running.view()
