@@ -14,7 +14,7 @@ from tests.crash.application import LONG, ROUGH, Story
 from tests.crash.campaign import all_kills, carry_out, check, problems, sample
 from tests.crash.scenarios import SCENARIOS, Scenario
 from tests.crash.trial import Kill, Plan, run_trial
-from tests.crash.world import World, cores, world
+from tests.crash.world import World, side_by_side, world
 from tests.testbed.faults import Moment
 
 STORIES = {"long": LONG, "rough": ROUGH}
@@ -100,7 +100,7 @@ def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=0, help="of the sample (0)")
     parser.add_argument("--only", nargs="*", metavar="DOOR:WRITE:MOMENT", help="these: api:17:after storage:3:before")
     parser.add_argument("--faults", nargs="*", metavar="NAME", help="the faults of tests/crash/scenarios.py instead")
-    parser.add_argument("--slots", type=int, default=cores(), help="runs side by side (cores)")
+    parser.add_argument("--slots", type=int, default=side_by_side(), help="runs side by side (4 or cores)")
     return parser.parse_args(arguments)
 
 

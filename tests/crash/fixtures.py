@@ -8,7 +8,7 @@ import pytest
 
 from tests.crash.runs import Runs
 from tests.crash.scenarios import Scenario
-from tests.crash.world import cores, world
+from tests.crash.world import side_by_side, world
 from tests.testbed.requirements import need
 
 
@@ -19,7 +19,7 @@ def crash_runs(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPath
     chosen = [getattr(item, "callspec").params for item in request.session.items if hasattr(item, "callspec")]  # noqa: B009 - pytest's items have no public type with it
     scenarios = [each["scenario"] for each in chosen if isinstance(each.get("scenario"), Scenario)]
     kills = [each["crash_kill"] for each in chosen if "crash_kill" in each]
-    with world(tmp_path_factory.mktemp("crash"), slots=cores()) as place:
+    with world(tmp_path_factory.mktemp("crash"), slots=side_by_side()) as place:
         runs = Runs(place, scenarios, kills)
         try:
             yield runs

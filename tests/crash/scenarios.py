@@ -157,8 +157,7 @@ def flight_killed(trial: Trial) -> None:
     log = trial.paths.log(1, AGENT)
     trial.wait_until("the agent has flown a part", lambda: _records(trial, log) >= _SOME_RECORDS)
     _evict(trial, _pod_of(trial, Role.WORKFLOW, AGENT))
-    trial.operator.kill()
-    trial.start_operator()
+    trial.kill_operator("in flight")
 
 
 def node_lost(trial: Trial) -> None:

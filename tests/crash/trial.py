@@ -116,7 +116,7 @@ class Trial:
             proxy.start_counting()
         if self.kill is not None:
             proxy = self.slot.proxies[self.kill.door]
-            proxy.at_write(self.kill.write, self.kill.moment, self._kill_operator)
+            proxy.at_write(self.kill.write, self.kill.moment, self.kill_operator)
         for program, fault in self.story.faults.items():
             self._set_fault(program, fault)
         self.start_operator()
@@ -137,7 +137,8 @@ class Trial:
         self.operator.start()
         self.starts_of_operator += 1
 
-    def _kill_operator(self, write: str) -> None:
+    def kill_operator(self, write: str) -> None:
+        """Kill it; whoever waits for something starts it again."""
         self.killed_at = write
         self.operator.kill()
 

@@ -119,6 +119,6 @@ def _install(plane: ControlPlane) -> None:
     plane.kubectl("wait", "--for=condition=Established", "crd", "--all")
 
 
-def cores() -> int:
-    """How many runs go on side by side without hindering each other much."""
-    return max(2, len(os.sched_getaffinity(0)))
+def side_by_side() -> int:
+    """How many runs go on at the same time: they mostly wait for controllers that look once a second."""
+    return max(4, len(os.sched_getaffinity(0)))
