@@ -272,6 +272,7 @@ class Scenario:
         quick: Part of `make test`; the rest is in `make crash-test`.
         environment: More variables of the operator.
         story: What goes on by itself.
+        may_end: The operator may lose its lease by it.
     """
 
     disturb: Callable[[Trial], None]
@@ -280,6 +281,7 @@ class Scenario:
     quick: bool = True
     environment: Mapping[str, str] = field(default_factory=dict)
     story: Story = SMOOTH
+    may_end: bool = False
 
     @property
     def name(self) -> str:
@@ -288,7 +290,7 @@ class Scenario:
     @property
     def plan(self) -> Plan:
         """The run with this fault."""
-        return Plan(self.name, self.story, None, self.disturb, self.environment)
+        return Plan(self.name, self.story, None, self.disturb, self.environment, self.may_end)
 
 
 _WORKFLOW = names.mission_job(Role.WORKFLOW, FLEET, 1, AGENT)
@@ -303,18 +305,18 @@ _NODE_LOST = Allowed(frozenset({"NodeLost", "Recovered"}), started_again=frozens
 _MADE_ANEW = Allowed(started_again=frozenset({names.training_job(FLEET), *_FLIGHTS}))
 _REAL_FLIGHT = Allowed(started_again=frozenset({names.mission_job(Role.WORKFLOW, REAL.fleet, 1, AGENT)}))
 SCENARIOS = (
-    Scenario(api_storm, _TRIED_LESS),
-    Scenario(conflicts, _TRIED_LESS, quick=False),
-    Scenario(throttled, _TRIED_LESS, quick=False),
-    Scenario(server_errors, _TRIED_LESS, quick=False),
-    Scenario(slow_and_cut, _TRIED_LESS, quick=False),
+    Scenario(api_storm, _TRIED_LESS, may_end=True),
+    Scenario(conflicts, _TRIED_LESS, may_end=True, quick=False),
+    Scenario(throttled, _TRIED_LESS, may_end=True, quick=False),
+    Scenario(server_errors, _TRIED_LESS, may_end=True, quick=False),
+    Scenario(slow_and_cut, _TRIED_LESS, may_end=True, quick=False),
     Scenario(storage_errors, _told("StorageUnavailable")),
     Scenario(watches_cut, quick=False),
     Scenario(watches_stalled, quick=False),
-    Scenario(api_away, _TRIED_LESS, quick=False),
+    Scenario(api_away, _TRIED_LESS, may_end=True, quick=False),
     Scenario(stopped_and_started, quick=False),
-    Scenario(leader_killed, environment=_SHORT_LEASE),
-    Scenario(leader_frozen, environment=_SHORT_LEASE, quick=False),
+    Scenario(leader_killed, environment=_SHORT_LEASE, may_end=True),
+    Scenario(leader_frozen, environment=_SHORT_LEASE, may_end=True, quick=False),
     Scenario(evicted, Allowed(started_again=frozenset({_WORKFLOW}))),
     Scenario(flight_killed, _REAL_FLIGHT, story=REAL, quick=False),
     Scenario(image_missing, _told("ImageMissing")),
@@ -322,7 +324,7 @@ SCENARIOS = (
     Scenario(deleted_in_flight, quick=False),
     Scenario(deleted_without_operator),
     Scenario(made_anew, _MADE_ANEW, quick=False),
-    Scenario(deleted_unheard, alone=True, quick=False),
+    Scenario(deleted_unheard, alone=True, quick=False, may_end=True),
     Scenario(node_lost, _NODE_LOST),
-    Scenario(everything_restarts, _told("StorageUnavailable"), alone=True),
+    Scenario(everything_restarts, _told("StorageUnavailable"), alone=True, may_end=True),
 )

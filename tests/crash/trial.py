@@ -73,6 +73,7 @@ class Trial:
         kill: When the operator is killed; None for never.
         disturb: Called once the FleetSpec is applied; brings faults about.
         environment: More variables of the operator.
+        may_end: The operator may end by itself, having lost its lease, and is started again.
     """
 
     world: World
@@ -82,6 +83,7 @@ class Trial:
     kill: Kill | None = None
     disturb: Callable[[Trial], None] | None = None
     environment: Mapping[str, str] = field(default_factory=dict)
+    may_end: bool = False
     starts_of_operator: int = 0
     killed_at: str = ""
     patience_s: float = PATIENCE_S
@@ -149,7 +151,7 @@ class Trial:
         end = time.monotonic() + self.patience_s
         while not look():
             if not self.operator.running:
-                if not self.killed_at:
+                if not self.killed_at and not self.may_end:
                     raise AssertionError(f"{self.namespace}: the operator ended:\n{self.operator.last_words()}")
                 self.start_operator()
             if time.monotonic() > end:
@@ -251,9 +253,11 @@ class Plan:
     kill: Kill | None = None
     disturb: Callable[[Trial], None] | None = None
     environment: Mapping[str, str] = field(default_factory=dict)
+    may_end: bool = False
 
 
 def run_trial(world: World, plan: Plan) -> Result:
     """Run the fleet once in a slot of the world."""
     with world.slot() as slot:
-        return Trial(world, slot, plan.name, plan.story, plan.kill, plan.disturb, plan.environment).run()
+        trial = Trial(world, slot, plan.name, plan.story, plan.kill, plan.disturb, plan.environment, plan.may_end)
+        return trial.run()

@@ -114,7 +114,16 @@ class Buildah:
         options = ["--layers", *(["--no-cache"] if fresh else []), "--pull=never", "--quiet", "--timestamp", "0"]
         given += [word for key, value in recipe.arguments.items() for word in ("--build-arg", f"{key}={value}")]
         where = ["--file", str(recipe.context / recipe.containerfile), "--tag", name, str(recipe.context)]
-        self.run("build", *options, "--identity-label=false", *given, *where)
+        try:
+            self.run("build", *options, "--identity-label=false", *given, *where)
+        finally:
+            self._tidy()
+
+    def _tidy(self) -> None:
+        """Remove the containers of a build: buildah forgets those of stages that others only mount."""
+        for name in self.run("containers", "--format", "{{.ContainerName}}").split():
+            if "working-container" in name:
+                self.run("rm", name)
 
     def write(self, name: str, reference: str, archive: Path) -> None:
         """Write an image as an OCI archive for `ctr images import`, with uncompressed layers.

@@ -6,11 +6,14 @@ import subprocess
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from uuid import uuid4
 
 from tests.testbed.imaging.buildah import Buildah
 from tests.testbed.processes import Program
 
 USER = "65532:65532"
+CONTAINERS = "tried-"
+"""How the names of containers begin, so that nobody takes them for leftovers of a build."""
 
 
 class Container:
@@ -61,7 +64,7 @@ def container(store: Buildah, image: str, mounts: Mapping[str, Path] | None = No
         mounts: Folders of this computer, by the path where the container's programs see them.
     """
     with store.in_use():
-        name = store.run("from", "--pull=never", image).strip()
+        name = store.run("from", "--pull=never", "--name", f"{CONTAINERS}{uuid4().hex}", image).strip()
         try:
             yield Container(store, name, Path(store.run("mount", name).strip()), mounts or {})
         finally:

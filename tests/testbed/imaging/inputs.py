@@ -29,6 +29,9 @@ PARENTS: dict[str, dict[str, str]] = {
 }
 """Images of ours that another one needs, by build argument; all others stand on Debian."""
 
+FORMAT = "2"
+"""To be raised when images are built or packed in another way."""
+
 _LEFTOVERS = ("__pycache__", "fleet_computer.egg-info")
 
 
@@ -54,7 +57,7 @@ def digest(name: str, parents: str, root: Path = ROOT) -> str:
     Returns:
         20 hexadecimal digits. Times and owners of files do not count; of their modes only "may be run" does.
     """
-    total = hashlib.sha256(parents.encode())
+    total = hashlib.sha256(f"{FORMAT} {parents}".encode())
     for file in _files(INPUTS[name], root):
         content = hashlib.sha256((root / file).read_bytes()).hexdigest()
         total.update(f"{file} {_mode(root / file):o} {content}\n".encode())
