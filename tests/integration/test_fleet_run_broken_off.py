@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -98,6 +99,13 @@ def test_no_process_outlives_a_runner_that_is_killed(tmp_path: Path) -> None:
 def start_until_flying(fleet: Application) -> None:
     wait_until(lambda: fleet.storage.exists(fleet.paths.log(1, "agent-1")))
     wait_until(lambda: fleet.storage.exists(fleet.paths.log(1, "agent-2")))
+    wait_until(lambda: all(begun(fleet, f"faults/workflow/agent-{agent}.json") for agent in (1, 2)))
+
+
+def begun(fleet: Application, fault: str) -> bool:
+    """Whether a fault is at work, or there is none: one that has not begun would happen to the next run."""
+    path = f"{fleet.paths.root}/{fault}"
+    return not fleet.storage.exists(path) or json.loads(fleet.storage.read(path)).get("times", 1) < 1
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
