@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -44,6 +46,14 @@ def test_profiles_and_models_that_are_files_are_carried_too(tmp_path: Path) -> N
     write(tmp_path, {"own.py": "", "energy/mine.yaml": "a: 1\n", "start.npz": "model"})
     changed = fleet(agents={"count": 1, "energyProfile": "energy/mine.yaml#spark"}, sa={"pretrained": "start.npz"})
     assert sorted(read_bundle(changed, tmp_path).files) == ["energy/mine.yaml", "own.py", "start.npz"]
+
+
+def test_a_module_of_another_fleet_in_this_process_is_not_taken_for_an_installed_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "own", ModuleType("own"))
+    with pytest.raises(SpecError, match="no module 'own'"):
+        read_bundle(fleet(), tmp_path)
 
 
 def test_everything_that_is_missing_is_told_at_once(tmp_path: Path) -> None:

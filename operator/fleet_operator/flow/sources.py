@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-import importlib.util
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -86,10 +86,8 @@ def _add_module(folder: Path, module: str, place: str, files: dict[str, bytes]) 
 
 
 def _is_installed(module: str) -> bool:
-    try:
-        return importlib.util.find_spec(module) is not None
-    except (ImportError, ValueError):  # such as __main__, which has none
-        return False
+    """Whether an import finds it; what this process once imported from the folder of another fleet does not count."""
+    return any(finder.find_spec(module, None) is not None for finder in sys.meta_path)
 
 
 def _is_beside(folder: Path, module: str) -> bool:

@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from tests.testbed.errors import BedError
 
@@ -148,24 +149,39 @@ def _pack(folder: Path, reference: str, archive: Path) -> None:
 
     Source: OCI Image Format Specification, "Image Layout"; the annotation is containerd's.
     """
-    described = json.loads((folder / "manifest.json").read_bytes())
-    described.pop("annotations", None)  # buildah's own name and digest of the base, which mean nothing elsewhere
-    manifest = json.dumps(described, sort_keys=True).encode()
-    digest = hashlib.sha256(manifest).hexdigest()
-    (folder / digest).write_bytes(manifest)
+    manifest = json.loads((folder / "manifest.json").read_bytes())
+    config = json.loads((folder / _hexadecimal(manifest["config"])).read_bytes())
+    # Names and digests of what it was built on in this store: they may differ where everything else is the same.
+    manifest.pop("annotations", None)
+    config.pop("history", None)
+    written: dict[str, bytes] = {}
+    manifest["config"] |= _describe(config, written)
     entry = {
         "mediaType": "application/vnd.oci.image.manifest.v1+json",
-        "digest": f"sha256:{digest}",
-        "size": len(manifest),
+        **_describe(manifest, written),
         "annotations": {"io.containerd.image.name": reference, "org.opencontainers.image.ref.name": reference},
     }
     index = {"schemaVersion": 2, "mediaType": "application/vnd.oci.image.index.v1+json", "manifests": [entry]}
     with tarfile.open(archive, "w") as tar:
         _add(tar, "oci-layout", b'{"imageLayoutVersion": "1.0.0"}')
         _add(tar, "index.json", json.dumps(index, sort_keys=True).encode())
-        for blob in sorted(path for path in folder.iterdir() if len(path.name) == len(digest)):
-            with blob.open("rb") as file:
-                tar.addfile(_entry(f"blobs/sha256/{blob.name}", blob.stat().st_size), file)
+        for name, content in written.items():
+            _add(tar, f"blobs/sha256/{name}", content)
+        for name in dict.fromkeys(_hexadecimal(layer) for layer in manifest["layers"]):
+            with (folder / name).open("rb") as file:
+                tar.addfile(_entry(f"blobs/sha256/{name}", (folder / name).stat().st_size), file)
+
+
+def _hexadecimal(described: Mapping[str, Any]) -> str:
+    return str(described["digest"]).removeprefix("sha256:")
+
+
+def _describe(document: Mapping[str, Any], written: dict[str, bytes]) -> dict[str, Any]:
+    """Digest and size of a document, whose bytes are added to `written` by its digest."""
+    content = json.dumps(document, sort_keys=True).encode()
+    digest = hashlib.sha256(content).hexdigest()
+    written[digest] = content
+    return {"digest": f"sha256:{digest}", "size": len(content)}
 
 
 def _add(tar: tarfile.TarFile, name: str, content: bytes) -> None:

@@ -29,7 +29,7 @@ PARENTS: dict[str, dict[str, str]] = {
 }
 """Images of ours that another one needs, by build argument; all others stand on Debian."""
 
-FORMAT = "2"
+FORMAT = "3"
 """To be raised when images are built or packed in another way."""
 
 _LEFTOVERS = ("__pycache__", "fleet_computer.egg-info")
