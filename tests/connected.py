@@ -78,10 +78,11 @@ def make_namespace(plane: ControlPlane, name: str) -> None:
 
 
 def config_map(namespace: str, name: str, **data: str) -> Manifest:
+    """Functions of the fleet `crop`."""
     return {
         "apiVersion": "v1",
         "kind": "ConfigMap",
-        "metadata": {"name": name, "namespace": namespace},
+        "metadata": {"name": name, "namespace": namespace, "labels": {"fleetcomputer.io/fleet": "crop"}},
         "data": data,
     }
 

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from fleet_operator.__main__ import run
 from fleet_operator.cluster.port import Cluster
 from fleet_operator.config import Config
+from fleet_operator.resources import names
 from fleet_operator.resources.refs import FLEET_SPEC, Manifest, ObjectRef
 
 log = logging.getLogger("stand-in")
@@ -32,7 +33,8 @@ class StandIn:
         if body is None:
             return None
         owner = {"apiVersion": FLEET_SPEC.api_version, "kind": FLEET_SPEC.kind, "name": ref.name}
-        metadata: Manifest = {"name": f"{ref.name}-seen", "namespace": ref.namespace}
+        labels = {names.FLEET_LABEL: ref.name}
+        metadata: Manifest = {"name": f"{ref.name}-seen", "namespace": ref.namespace, "labels": labels}
         metadata["ownerReferences"] = [{**owner, "uid": body["metadata"]["uid"], "controller": True}]
         data = {"by": self._identity, "generation": str(body["metadata"]["generation"])}
         await self._cluster.apply({"apiVersion": "v1", "kind": "ConfigMap", "metadata": metadata, "data": data})

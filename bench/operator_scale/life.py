@@ -190,7 +190,9 @@ class Life:
         burst = Burst(objects / taken_s, writes, busiest(inside, _BUSIEST_S), before_s)
         self._figures.bursts[what] = burst
         used = (last.cpu_s - first.cpu_s) / taken_s
-        _say(f"{what}: {burst}, {taken_s:.1f} s, {used:.0%} of a core")
+        verbs = {verb: (count - first.calls.get(verb, 0.0)) / self._fleets for verb, count in last.calls.items()}
+        said = ", ".join(f"{count:.1f} {verb}" for verb, count in sorted(verbs.items()))
+        _say(f"{what}: {burst}, {taken_s:.1f} s, {used:.0%} of a core; calls a fleet: {said}")
         return last
 
     async def rest(self, meter: Meter) -> None:

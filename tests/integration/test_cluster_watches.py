@@ -55,6 +55,20 @@ class Ears:
         connection.memory.listeners = Listeners(self.changed.add, lambda ref, last: self.gone.append(ref))
 
 
+def service(name: str, selected: str) -> Manifest:
+    labels = {"fleetcomputer.io/fleet": "crop"}
+    spec = {"clusterIP": "None", "selector": {"is": selected}}
+    metadata = {"name": name, "namespace": NAMESPACE, "labels": labels}
+    return {"apiVersion": "v1", "kind": "Service", "metadata": metadata, "spec": spec}
+
+
+def policy(name: str) -> Manifest:
+    labels = {"fleetcomputer.io/fleet": "crop"}
+    metadata = {"name": name, "namespace": NAMESPACE, "labels": labels}
+    spec = {"podSelector": {"matchLabels": labels}, "policyTypes": ["Ingress"]}
+    return {"apiVersion": "networking.k8s.io/v1", "kind": "NetworkPolicy", "metadata": metadata, "spec": spec}
+
+
 async def there(plane: ControlPlane, *args: str, stdin: str | None = None) -> str:
     """kubectl, while the memory goes on following."""
     return await asyncio.to_thread(plane.kubectl, "-n", NAMESPACE, *args, stdin=stdin)
@@ -138,5 +152,36 @@ def test_a_job_is_followed_from_suspended_to_failed(plane: ControlPlane) -> None
             assert cluster.jobs(ref("followed"))[0].message.startswith("DeadlineExceeded")
             await cluster.delete(JOB, ref("hopeless"))
             await cluster.delete(CONFIG_MAP, ref("never-there"))
+
+    run(scenario)
+
+
+MADE = [
+    (service("made", "ours"), '{"spec":{"selector":{"is":"another"}}}'),
+    (policy("made"), '{"spec":{"policyTypes":["Egress"]}}'),
+    (config_map(NAMESPACE, "made", a="1"), '{"data":{"a":"2"}}'),
+]
+
+
+@pytest.mark.parametrize(("manifest", "change"), MADE, ids=["Service", "NetworkPolicy", "ConfigMap"])
+def test_what_the_operator_made_is_made_again_when_somebody_deletes_or_changes_it(
+    plane: ControlPlane, manifest: Manifest, change: str
+) -> None:
+    what = f"{manifest['kind']}/made"
+
+    async def scenario() -> None:
+        async with connected(plane.kubeconfig, NAMESPACE) as connection:
+            assert await connection.cluster.apply(manifest)
+            ears = Ears(connection)
+            for act in (["delete", what], ["patch", what, "--type=merge", "-p", change]):
+                await asyncio.sleep(0.5)
+                ears.changed.clear()
+                assert not await connection.cluster.apply(manifest)
+                await there(plane, *act)
+                await until(lambda: ears.changed == {ref("crop")})
+                assert await connection.cluster.apply(manifest)
+        now = plane.get(manifest["kind"], "made", "-n", NAMESPACE)
+        for part in {"data", "spec"} & manifest.keys():
+            assert {key: now[part][key] for key in manifest[part]} == manifest[part]
 
     run(scenario)

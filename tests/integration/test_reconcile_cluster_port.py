@@ -73,7 +73,7 @@ def plain(job: JobView) -> tuple[object, ...]:
     return (job.ref, job.fleet, job.owner_uid, job.role, job.mission, job.agent, job.order)
 
 
-async def what_is_not_watched_is_applied_once_too(cluster: Cluster, fleet: Manifest) -> None:
+async def what_is_only_made_is_applied_once_too(cluster: Cluster, fleet: Manifest) -> None:
     service = sensor_service(target(fleet), 1, "agent-1")
     assert [await cluster.apply(service), await cluster.apply(service)] == [True, False]
 
@@ -118,7 +118,7 @@ async def nothing_is_wrong_where_nothing_is(cluster: Cluster, fleet: Manifest) -
 
 CONTRACT: list[Callable[[Cluster, Manifest], Awaitable[None]]] = [
     jobs_are_seen_as_soon_as_they_are_applied,
-    what_is_not_watched_is_applied_once_too,
+    what_is_only_made_is_applied_once_too,
     missions_have_their_status,
     the_fleetspec_keeps_what_is_said_of_it,
     files_are_those_of_the_fleet,

@@ -9,13 +9,16 @@ from fleet_operator.cluster.errors import Conflict, Forbidden, Invalid, NotFound
 from fleet_operator.cluster.events import Recorder
 from fleet_operator.cluster.glance import head_of_object
 from fleet_operator.cluster.memory import Memory, unpacked
+from fleet_operator.cluster.shelves import FLEETS, MADE, MISSIONS, Shelf, shelf_of
+from fleet_operator.cluster.store import Entry
 from fleet_operator.cluster.transport import APPLY, STRATEGIC, Answer, Call, Transport
 from fleet_operator.resources import names
 from fleet_operator.resources.applied import mark_of, marked, seal
-from fleet_operator.resources.refs import EVENT, JOB, POD, Kind, Manifest, ObjectRef, kind_of
+from fleet_operator.resources.refs import EVENT, POD, Kind, Manifest, ObjectRef, kind_of
 from fleet_operator.resources.views import JobView, NodeView, PodView
 
 _AS_APPLIED = {"fieldManager": names.MANAGER, "force": "true"}
+_WITH_STATUS = {shelf.kind: shelf for shelf in (FLEETS, MISSIONS)}
 _JOB_OF_POD = "batch.kubernetes.io/job-name"
 
 
@@ -31,8 +34,8 @@ class KubernetesCluster:
         self._transport = transport
         self._memory = memory
         self._recorder = recorder
-        # What is not watched is remembered instead: its hash, and the uid of its owner, with which it is forgotten.
-        self._applied: dict[tuple[Kind, ObjectRef], tuple[str, str]] = {}
+        # In which version what is only made was applied last, and the uid of its owner, with which it is forgotten.
+        self._applied: dict[tuple[Kind, ObjectRef], tuple[int, str]] = {}
 
     def fleets(self) -> tuple[ObjectRef, ...]:
         """All FleetSpecs, from memory."""
@@ -60,28 +63,45 @@ class KubernetesCluster:
         return tuple(self._memory.nodes.views())
 
     async def apply(self, manifest: Manifest) -> bool:
-        """Have an object as this manifest says; False when the hash that was last seen or applied is the same."""
+        """Have an object as this manifest says; False when it was seen to be so.
+
+        Raises:
+            LookupError: its kind is not watched.
+        """
         kind, ref = kind_of(manifest), ObjectRef.of(manifest)
-        sealed, watched = seal(manifest), self._memory.watches(manifest, kind)
-        applied, _ = self._applied.get((kind, ref), ("", ""))
-        if sealed.digest == (self._seen_hash(kind, ref) if watched else applied):
+        shelf, sealed = shelf_of(kind, manifest), seal(manifest)
+        if shelf is None:
+            raise LookupError(f"{kind.kind} {ref} is not watched: nobody would see whether it is there")
+        if self._is_applied(shelf, ref, sealed.digest):
             return False
         path = kind.path(ref.namespace, ref.name)
         answer = await self._transport.ask(Call("patch", path, sealed.text, _AS_APPLIED, APPLY))
-        if watched:
-            self._memory.put(kind, _made(manifest, sealed.digest, answer))
-        else:
-            self._applied[kind, ref] = (sealed.digest, _owner_uid(manifest))
-        if not answer.is_new and "deletionTimestamp" in answer.read()["metadata"]:
+        made = _made(manifest, sealed.digest, answer)
+        self._memory.put(shelf, made)
+        if shelf in MADE:
+            self._applied[kind, ref] = (int(made["metadata"]["resourceVersion"]), _owner_uid(manifest))
+        if "deletionTimestamp" in made["metadata"]:
             self._applied.pop((kind, ref), None)
             raise Conflict(f"{kind.kind} {ref} is being deleted; it can be applied when it is gone", "Terminating")
         return True
 
+    def _is_applied(self, shelf: Shelf, ref: ObjectRef, digest: str) -> bool:
+        """Whether an object has the hash of a manifest, and nobody changed it since it was applied.
+
+        Nobody else changes the spec of a Job or Mission, which cannot be changed. Who changes another object leaves
+        the hash as it is; so it must be in the version in which it was applied, or was found by a new operator.
+        """
+        entry: Entry[Any] | None = self._memory.store(shelf).get(ref)
+        if entry is None or digest != _mark(entry.view):
+            return False
+        return self._applied.get((shelf.kind, ref), (entry.version, ""))[0] == entry.version
+
     async def apply_status(self, kind: Kind, ref: ObjectRef, status: Manifest) -> bool:
         """Have an object's status as said; False when it was seen to be so."""
-        entry = self._memory.store(kind).get(ref)
+        shelf = _WITH_STATUS[kind]
+        entry = self._memory.store(shelf).get(ref)
         if entry is None:
-            self._memory.put(kind, await self._send_status(kind, ref, status))
+            self._memory.put(shelf, await self._send_status(kind, ref, status))
             return True
         if entry.view.get("status") == status:
             return False
@@ -89,11 +109,11 @@ class KubernetesCluster:
             answer = await self._send_status(kind, ref, status, str(entry.version))
         except Conflict:
             there = await self._transport.send(Call("get", kind.path(ref.namespace, ref.name)))
-            self._memory.put(kind, there)
+            self._memory.put(shelf, there)
             if there["metadata"]["uid"] != entry.uid:
                 raise
             answer = await self._send_status(kind, ref, status, there["metadata"]["resourceVersion"])
-        self._memory.put(kind, answer)
+        self._memory.put(shelf, answer)
         return True
 
     async def _send_status(self, kind: Kind, ref: ObjectRef, status: Manifest, version: str = "") -> Manifest:
@@ -113,10 +133,9 @@ class KubernetesCluster:
         except (NotFound, Conflict):
             answer = {}
         self._applied.pop((kind, ref), None)
-        if not self._memory.knows(kind):
-            return
-        if "deletionTimestamp" in answer.get("metadata", {}) and self._memory.watches(answer, kind):
-            self._memory.put(kind, answer)
+        shelf = shelf_of(kind, answer) if "deletionTimestamp" in answer.get("metadata", {}) else None
+        if shelf is not None:
+            self._memory.put(shelf, answer)
         else:
             self._memory.forget(kind, ref, uid)
 
@@ -161,17 +180,18 @@ class KubernetesCluster:
         """A FleetSpec is gone: what was applied for it is no longer remembered."""
         self._applied = {key: (digest, owner) for key, (digest, owner) in self._applied.items() if owner != uid}
 
-    def _seen_hash(self, kind: Kind, ref: ObjectRef) -> str:
-        entry: Any = self._memory.store(kind).get(ref)
-        if entry is None:
-            return ""
-        if kind == JOB:
-            return str(entry.view.applied)
-        return mark_of(unpacked(entry.view) if isinstance(entry.view, bytes) else entry.view)
-
     async def _list(self, kind: Kind, namespace: str, query: Mapping[str, str]) -> list[Manifest]:
         answer = await self._transport.send(Call("list", kind.path(namespace), query=query))
         return list(answer.get("items") or ())
+
+
+def _mark(view: Any) -> str:
+    """The hash on an object, of what is kept of it."""
+    if isinstance(view, str):
+        return view
+    if isinstance(view, JobView):
+        return view.applied
+    return mark_of(unpacked(view) if isinstance(view, bytes) else view)
 
 
 def _made(manifest: Manifest, digest: str, answer: Answer) -> Manifest:

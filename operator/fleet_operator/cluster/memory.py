@@ -8,9 +8,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
+from fleet_operator.cluster.shelves import FILES, FLEETS, JOBS, MADE, MISSIONS, NODES, SHELVES, Shelf
 from fleet_operator.cluster.store import Change, Store
 from fleet_operator.resources import names
-from fleet_operator.resources.refs import CONFIG_MAP, FLEET_SPEC, JOB, MISSION, NODE, Kind, Manifest, ObjectRef
+from fleet_operator.resources.applied import mark_of
+from fleet_operator.resources.refs import Kind, Manifest, ObjectRef
 from fleet_operator.resources.views import JobState, JobView, NodeView, owner_of
 
 V = TypeVar("V")
@@ -40,63 +42,55 @@ class Memory:
         self.files: Store[bytes] = Store(_packed, _fleet_of_files)
         self.nodes: Store[NodeView] = Store(NodeView.of, lambda body: None)
         self.listeners = Listeners()
-        self._stores: dict[Kind, Store[Any]] = {
-            FLEET_SPEC: self.fleets,
-            MISSION: self.missions,
-            JOB: self.jobs,
-            CONFIG_MAP: self.files,
-            NODE: self.nodes,
+        self._stores: dict[Shelf, Store[Any]] = {
+            FLEETS: self.fleets,
+            MISSIONS: self.missions,
+            JOBS: self.jobs,
+            FILES: self.files,
+            NODES: self.nodes,
+            **{shelf: Store(mark_of, owner_of) for shelf in MADE},
         }
 
-    def store(self, kind: Kind) -> Store[Any]:
-        """The store of a watched kind."""
-        return self._stores[kind]
+    def store(self, shelf: Shelf) -> Store[Any]:
+        """The store of a shelf."""
+        return self._stores[shelf]
 
-    def knows(self, kind: Kind) -> bool:
-        """Whether objects of this kind are watched at all."""
-        return kind in self._stores
-
-    def has(self, kind: Kind, ref: ObjectRef, version: int) -> bool:
+    def has(self, shelf: Shelf, ref: ObjectRef, version: int) -> bool:
         """Whether an object is known in this version or a newer one."""
-        entry = self._stores[kind].get(ref)
+        entry = self._stores[shelf].get(ref)
         return entry is not None and entry.version >= version
 
-    def watches(self, body: Mapping[str, Any], kind: Kind) -> bool:
-        """Whether the watches of this kind see such an object."""
-        labels = body["metadata"].get("labels", {})
-        if kind == JOB:
-            return names.FLEET_LABEL in labels
-        return names.FILES_LABEL in labels if kind == CONFIG_MAP else self.knows(kind)
-
-    def put(self, kind: Kind, body: Manifest) -> None:
+    def put(self, shelf: Shelf, body: Manifest) -> None:
         """Take what a watch, a list, or the answer to an own write says of an object.
 
         The three race: an answer may hide what others wrote just before, as the watch then brings their change with a
         version that is no longer news. So it does not matter who brings it: the fleet is looked at again when there is
         something in it that the operator does not write itself.
         """
-        change = self._stores[kind].put(body)
-        if change is not None and not _is_own(kind, change):
-            self._tell(kind, change)
+        change = self._stores[shelf].put(body)
+        if change is not None and not _is_own(shelf, change):
+            self._tell(shelf, change)
 
-    def drop(self, kind: Kind, body: Mapping[str, Any]) -> None:
+    def drop(self, shelf: Shelf, body: Mapping[str, Any]) -> None:
         """Take a watch's word that an object was deleted."""
-        self._tell(kind, self._stores[kind].drop(body))
+        self._tell(shelf, self._stores[shelf].drop(body))
 
     def forget(self, kind: Kind, ref: ObjectRef, uid: str) -> None:
         """Take it that an own deletion was acknowledged."""
-        self._tell(kind, self._stores[kind].forget(ref, uid))
+        for shelf in SHELVES:
+            if shelf.kind == kind:
+                self._tell(shelf, self._stores[shelf].forget(ref, uid))
 
-    def replace(self, kind: Kind, refs: list[ObjectRef], version: int, namespace: str) -> None:
+    def replace(self, shelf: Shelf, refs: list[ObjectRef], version: int, namespace: str) -> None:
         """Remove what a list does not have."""
-        for change in self._stores[kind].replace(refs, version, namespace):
-            self._tell(kind, change)
+        for change in self._stores[shelf].replace(refs, version, namespace):
+            self._tell(shelf, change)
 
-    def _tell(self, kind: Kind, change: Change[Any] | None) -> None:
+    def _tell(self, shelf: Shelf, change: Change[Any] | None) -> None:
         if change is None:
             return
         before, after = change.before, change.after
-        if kind == FLEET_SPEC and before is not None and (after is None or after.uid != before.uid):
+        if shelf == FLEETS and before is not None and (after is None or after.uid != before.uid):
             self.listeners.gone(change.ref, before.view)
         owners = {entry.owner: None for entry in (before, after) if entry is not None}
         for owner in owners:
@@ -129,13 +123,15 @@ def _fleet_of_files(body: Mapping[str, Any]) -> ObjectRef | None:
     return ObjectRef(body["metadata"].get("namespace", ""), name) if name else None
 
 
-def _is_own(kind: Kind, change: Change[Any]) -> bool:
+def _is_own(shelf: Shelf, change: Change[Any]) -> bool:
     """Whether the operator's own writes explain the whole change."""
     before, after = change.before, change.after
     if after is None:
         return False
+    if shelf in MADE:  # a new mark is of an own write; whoever else changes an object leaves the mark as it is
+        return before is None or before.view != after.view
     if before is None:
-        return kind == MISSION or (kind == JOB and after.view.state in _NEW)
+        return shelf == MISSIONS or (shelf == JOBS and after.view.state in _NEW)
     return before.uid == after.uid and _foreign(before.view) == _foreign(after.view)
 
 

@@ -19,8 +19,9 @@ from typing import Any
 from fleet_operator.cluster.errors import ClusterError, Forbidden, Gone, Unavailable
 from fleet_operator.cluster.glance import head_of_event
 from fleet_operator.cluster.memory import Memory
-from fleet_operator.cluster.transport import Call, Transport
-from fleet_operator.resources.refs import Kind, ObjectRef
+from fleet_operator.cluster.shelves import Shelf
+from fleet_operator.cluster.transport import HEADS, JSON, LIST_OF_HEADS, Call, Transport
+from fleet_operator.resources.refs import ObjectRef
 
 log = logging.getLogger(__name__)
 
@@ -38,22 +39,13 @@ def complain(error: ClusterError, failures: int) -> None:
 
 @dataclass(frozen=True)
 class Scope:
-    """What is watched.
+    """What one watch follows: a shelf, in one namespace or in all."""
 
-    Args:
-        selector: Labels; "" for all.
-        page: Objects in one part of a list.
-        optional: Whether the operator can do without it where RBAC refuses it.
-    """
-
-    kind: Kind
+    shelf: Shelf
     namespace: str = ""
-    selector: str = ""
-    page: int = 200
-    optional: bool = False
 
     def __str__(self) -> str:
-        return f"{self.kind.plural} in {self.namespace or 'all namespaces'}"
+        return f"{self.shelf.kind.plural} in {self.namespace or 'all namespaces'}"
 
 
 class Reflector:
@@ -70,7 +62,7 @@ class Reflector:
         self._alive = alive
         self._chance = random.Random()
         self._version = ""
-        self._query = {"labelSelector": scope.selector} if scope.selector else {}
+        self._query = {"labelSelector": scope.shelf.label} if scope.shelf.label else {}
 
     async def resync(self) -> None:
         """Bring the memory to what the cluster has now; a watch goes on from there.
@@ -78,13 +70,14 @@ class Reflector:
         Raises:
             ClusterError: the API server refuses.
         """
-        kind, namespace = self.scope.kind, self.scope.namespace
-        store = self._memory.store(kind)
+        shelf, namespace = self.scope.shelf, self.scope.namespace
+        store = self._memory.store(shelf)
         newest = store.newest
-        query = {**self._query, "limit": str(self.scope.page)}
+        query = {**self._query, "limit": str(shelf.page)}
+        accept = LIST_OF_HEADS if shelf.heads else JSON
         refs: list[ObjectRef] = []
         while True:
-            page = await self._transport.send(Call("list", kind.path(namespace), query=query))
+            page = await self._transport.send(Call("list", shelf.kind.path(namespace), query=query, accept=accept))
             version = int(page["metadata"]["resourceVersion"])
             if "continue" not in query and version < newest:
                 log.warning("the history of %s was put back: what was seen of it is forgotten", self.scope)
@@ -95,15 +88,15 @@ class Reflector:
             if not query["continue"]:
                 break
             await asyncio.sleep(0)  # a long list must not hold up everybody else
-        self._memory.replace(kind, refs, version, namespace)
+        self._memory.replace(shelf, refs, version, namespace)
         self._version = str(version)
 
     def _take(self, page: dict[str, Any]) -> list[ObjectRef]:
-        refs = []
+        shelf, refs = self.scope.shelf, []
         for body in page.get("items") or ():
-            body.setdefault("apiVersion", self.scope.kind.api_version)
-            body.setdefault("kind", self.scope.kind.kind)
-            self._memory.put(self.scope.kind, body)
+            body.setdefault("apiVersion", shelf.kind.api_version)
+            body.setdefault("kind", shelf.kind.kind)
+            self._memory.put(shelf, body)
             refs.append(ObjectRef.of(body))
         return refs
 
@@ -133,7 +126,7 @@ class Reflector:
             await asyncio.sleep(self._transport.pause_s(failures))
 
     def _failed(self, error: ClusterError, failures: int, listed: Callable[[], None]) -> None:
-        if isinstance(error, Forbidden) and self.scope.optional:
+        if isinstance(error, Forbidden) and self.scope.shelf.optional:
             listed()
         if failures % TRIES_BEFORE_LIST == 0:  # a watch that cannot go on from its place is as bad as a lost one
             self._version = ""
@@ -149,15 +142,16 @@ class Reflector:
             "resourceVersion": self._version,
             "timeoutSeconds": str(longest_s),
         }
-        path = self.scope.kind.path(self.scope.namespace)
-        async for lines in self._transport.watch(path, query, IDLE_S):
+        path = self.scope.shelf.kind.path(self.scope.namespace)
+        accept = HEADS if self.scope.shelf.heads else JSON
+        async for lines in self._transport.watch(path, query, IDLE_S, accept):
             self._alive()
             for line in lines:
                 self._event(line)
 
     def _event(self, line: bytes) -> None:
         head = head_of_event(line)
-        if head is not None and self._memory.has(self.scope.kind, head.ref, int(head.version)):
+        if head is not None and self._memory.has(self.scope.shelf, head.ref, int(head.version)):
             self._version = head.version
             return
         event = json.loads(line)
@@ -166,7 +160,7 @@ class Reflector:
             message = f"watch {self.scope}: {body.get('message', body)}"
             raise Gone(message) if body.get("code") == 410 else Unavailable(message, body.get("reason", ""))
         if event["type"] == "DELETED":
-            self._memory.drop(self.scope.kind, body)
+            self._memory.drop(self.scope.shelf, body)
         elif event["type"] != "BOOKMARK":
-            self._memory.put(self.scope.kind, body)
+            self._memory.put(self.scope.shelf, body)
         self._version = body["metadata"]["resourceVersion"]

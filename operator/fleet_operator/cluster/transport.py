@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 import random
 import ssl
 from collections.abc import AsyncIterator, Callable, Mapping
@@ -21,6 +22,9 @@ APPLY = "application/apply-patch+yaml"
 MERGE = "application/merge-patch+json"
 STRATEGIC = "application/strategic-merge-patch+json"
 JSON = "application/json"
+HEADS = f"{JSON};as=PartialObjectMetadata;g=meta.k8s.io;v=v1"
+LIST_OF_HEADS = f"{JSON};as=PartialObjectMetadataList;g=meta.k8s.io;v=v1"
+"""Only the metadata of objects (Kubernetes, "API Concepts", Metadata-only fetches)."""
 
 FIRST_PAUSE_S = 0.2
 LONGEST_PAUSE_S = 8.0
@@ -38,6 +42,7 @@ class Call:
         verb: As RBAC has it: get, list, create, update, patch, delete.
         body: An object, or the JSON of one.
         content: Media type of the body.
+        accept: Media type of the answer.
         tries: How often it is sent at most.
         urgent: It does not wait for a place among the calls in flight, and is not stopped by the fence.
     """
@@ -47,6 +52,7 @@ class Call:
     body: Mapping[str, Any] | bytes | None = None
     query: Mapping[str, str] = field(default_factory=dict)
     content: str = JSON
+    accept: str = JSON
     tries: int = 5
     timeout_s: float = 30.0
     urgent: bool = False
@@ -88,7 +94,8 @@ class Transport:
     Args:
         credentials: Where it is, and who calls.
         in_flight: Calls at the same time; the rest wait.
-        allowed: Says whether this process may write.
+        left_s: Says for how many seconds this process may still write. A write is not begun when there are none, and
+            given up when they are over: a late one could undo what another process has done by then.
         count: Told of each answer: verb, and HTTP status or 0.
         chance: Spreads the times of second tries.
     """
@@ -97,7 +104,7 @@ class Transport:
         self,
         credentials: Credentials,
         in_flight: int = 32,
-        allowed: Callable[[], bool] = lambda: True,
+        left_s: Callable[[], float] = lambda: math.inf,
         count: Callable[[str, int], None] = lambda verb, status: None,
         chance: random.Random | None = None,
     ) -> None:
@@ -106,11 +113,11 @@ class Transport:
         self._count = count
         self._chance = chance or random.Random()
         self._session: aiohttp.ClientSession | None = None
-        self.allowed = allowed
+        self.left_s = left_s
 
     async def __aenter__(self) -> Transport:
         # The API server would spend more on packing lists than the wire of a cluster takes to carry them.
-        headers = {"Accept": JSON, "Accept-Encoding": "identity", "User-Agent": "fleet-operator"}
+        headers = {"Accept-Encoding": "identity", "User-Agent": "fleet-operator"}
         connector = aiohttp.TCPConnector(limit=0, ssl=self._credentials.tls, keepalive_timeout=60)
         self._session = aiohttp.ClientSession(connector=connector, headers=headers, proxy=self._credentials.proxy)
         return self
@@ -155,17 +162,19 @@ class Transport:
         if call.urgent:
             return await self._exchange(call)
         async with self._places:
-            if call.writes and not self.allowed():
+            left_s = self.left_s() if call.writes else math.inf
+            if left_s <= 0.0:
                 raise NotLeading(f"{call.verb} {call.path}: not sent, as another process may hold the lease by now")
-            return await self._exchange(call)
+            return await self._exchange(call, left_s)
 
-    async def _exchange(self, call: Call) -> Answer:
-        headers = self._identity()
+    async def _exchange(self, call: Call, left_s: float = math.inf) -> Answer:
+        headers = {**self._identity(), "Accept": call.accept}
         data = None
         if call.body is not None:
             headers["Content-Type"] = call.content
             data = call.body if isinstance(call.body, bytes) else json.dumps(call.body, separators=(",", ":")).encode()
-        timeout = aiohttp.ClientTimeout(total=call.timeout_s, sock_connect=min(10.0, call.timeout_s))
+        total_s = min(call.timeout_s, left_s)
+        timeout = aiohttp.ClientTimeout(total=total_s, sock_connect=min(10.0, total_s))
         method, address = _METHODS[call.verb], self._credentials.server + call.path
         status = 0
         try:
@@ -183,16 +192,19 @@ class Transport:
             raise refusal(f"{call.verb} {call.path}", status, content, answer.headers.get("Retry-After", ""))
         return Answer(status, content)
 
-    async def watch(self, path: str, query: Mapping[str, str], idle_s: float) -> AsyncIterator[list[bytes]]:
+    async def watch(
+        self, path: str, query: Mapping[str, str], idle_s: float, accept: str = JSON
+    ) -> AsyncIterator[list[bytes]]:
         """The lines of a watch as they come, some at a time; ends when the API server ends it.
 
         Args:
+            accept: Media type of the objects.
             idle_s: Without a byte for so long the connection counts as dead.
         Raises:
             ClusterError: it was refused, or broke.
         """
         timeout = aiohttp.ClientTimeout(total=None, sock_connect=10.0, sock_read=idle_s)
-        address, headers = self._credentials.server + path, self._identity()
+        address, headers = self._credentials.server + path, {**self._identity(), "Accept": accept}
         status = 0
         try:
             async with self._open.get(address, params=query, headers=headers, timeout=timeout) as answer:

@@ -16,15 +16,16 @@ from functools import partial
 from fleet_operator.cluster.errors import ClusterError
 from fleet_operator.cluster.memory import Memory
 from fleet_operator.cluster.reflector import Reflector, Scope, complain
+from fleet_operator.cluster.shelves import FILES, FLEETS, JOBS, MADE, MISSIONS, NODES, Shelf
 from fleet_operator.cluster.transport import Transport
-from fleet_operator.resources import names
-from fleet_operator.resources.refs import CONFIG_MAP, FLEET_SPEC, JOB, MISSION, NODE, Kind, Manifest
+from fleet_operator.resources.refs import Kind, Manifest
 
 VERIFY_S = 300.0
 """Time between two lists of custom resources."""
 SETTLE_S = 1.0
 STALLED_S = 400.0
 """A watch that has neither heard nor tried anything for so long hangs; longer than VERIFY_S, and than a watch idles."""
+_CUSTOM: dict[Kind, Shelf] = {shelf.kind: shelf for shelf in (FLEETS, MISSIONS)}
 
 
 class Watches:
@@ -41,13 +42,11 @@ class Watches:
         self._waiting: set[Scope] = set()
         self._chance = random.Random()
         self._synced = asyncio.Event()
-        self._doubts = {FLEET_SPEC: asyncio.Event(), MISSION: asyncio.Event()}
+        self._doubts = {FLEETS: asyncio.Event(), MISSIONS: asyncio.Event()}
         everywhere = tuple(namespaces) or ("",)
-        self._custom = [self._reflector(Scope(kind, namespace)) for kind in self._doubts for namespace in everywhere]
-        built_in = [Scope(JOB, namespace, names.FLEET_LABEL) for namespace in everywhere]
-        # A ConfigMap with files is up to 1 MiB, so few of them make a page of a reasonable size.
-        built_in += [Scope(CONFIG_MAP, namespace, names.FILES_LABEL, page=4) for namespace in everywhere]
-        built_in += [Scope(NODE, optional=True)]
+        self._custom = [self._reflector(Scope(shelf, namespace)) for shelf in self._doubts for namespace in everywhere]
+        built_in = [Scope(shelf, namespace) for shelf in (JOBS, FILES, *MADE) for namespace in everywhere]
+        built_in.append(Scope(NODES))
         self._built_in = [self._reflector(scope) for scope in built_in]
 
     async def run(self) -> None:
@@ -75,7 +74,7 @@ class Watches:
     async def refresh_fleets(self) -> None:
         """List the FleetSpecs now; tried until the API server answers."""
         for reflector in self._custom:
-            if reflector.scope.kind == FLEET_SPEC:
+            if reflector.scope.shelf == FLEETS:
                 await self._resync(reflector)
 
     def news(self, kind: Kind, event: str | None, body: Manifest) -> None:
@@ -85,15 +84,16 @@ class Watches:
             event: ADDED, MODIFIED or DELETED; None when it is from a list. A list says that a watch was broken, and
                 what was deleted meanwhile is in no event.
         """
+        shelf = _CUSTOM[kind]
         if event == "DELETED":
-            self._memory.drop(kind, body)
+            self._memory.drop(shelf, body)
             return
-        self._memory.put(kind, body)
+        self._memory.put(shelf, body)
         if event is None:
-            self._doubts[kind].set()
+            self._doubts[shelf].set()
 
     async def _verify(self, reflector: Reflector) -> None:
-        doubt = self._doubts[reflector.scope.kind]
+        doubt = self._doubts[reflector.scope.shelf]
         while True:
             await self._resync(reflector)
             self._listed(reflector.scope)
