@@ -53,6 +53,7 @@ class MemoryCluster:
         pod_views: What `pods` answers, by the name of the Job.
         warnings: What `complaints` answers, by the name of the object.
         resized: What was resized: pod and resources.
+        made: How often an object was made or changed; uids come from it.
     """
 
     clock: ManualClock = field(default_factory=lambda: ManualClock(1_700_000_000.0))
@@ -67,7 +68,7 @@ class MemoryCluster:
     pod_views: dict[str, tuple[PodView, ...]] = field(default_factory=dict)
     warnings: dict[str, tuple[tuple[str, str], ...]] = field(default_factory=dict)
     resized: list[tuple[str, Manifest]] = field(default_factory=list)
-    _number: int = 0
+    made: int = 0
 
     def fleets(self) -> tuple[ObjectRef, ...]:
         return tuple(sorted(ref for kind, ref in self.objects if kind == FLEET_SPEC.kind))
@@ -138,18 +139,18 @@ class MemoryCluster:
         """Make or replace an object, as its user or the API server would."""
         key = (kind_of(manifest).kind, ObjectRef.of(manifest))
         there = self.objects.get(key)
-        self._number += 1
+        self.made += 1
         body: Manifest = json.loads(json.dumps(manifest))
         if there is None:
             made = datetime.fromtimestamp(self.clock.now(), UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-            body["metadata"] |= {"uid": f"uid-{self._number}", "generation": 1, "creationTimestamp": made}
+            body["metadata"] |= {"uid": f"uid-{self.made}", "generation": 1, "creationTimestamp": made}
         else:
             generation = there["metadata"]["generation"] + (there.get("spec") != body.get("spec"))
             old = {name: there["metadata"][name] for name in ("uid", "creationTimestamp")}
             body["metadata"] |= {**old, "generation": generation}
             if "status" in there:
                 body["status"] = there["status"]
-        body["metadata"]["resourceVersion"] = str(self._number)
+        body["metadata"]["resourceVersion"] = str(self.made)
         self.objects[key] = body
         return body
 

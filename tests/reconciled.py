@@ -15,6 +15,7 @@ from fleet.storage.local import LocalStorage
 from fleet.storage.port import Entry, Storage
 from fleet_operator.compiler.settings import Settings
 from fleet_operator.reconcile import FleetReconciler
+from fleet_operator.reconcile.means import Means
 from fleet_operator.resources.refs import FLEET_SPEC, Manifest, ObjectRef
 from tests.fleet_runs import spec_document, write_application
 from tests.memory_cluster import MemoryCluster
@@ -81,6 +82,7 @@ class Reconciled:
         before_storage: Called before each of them; may raise.
         held: Bytes of each object in storage by machine.
         later: What the last pass answered.
+        opened: Opens storages for the next operator.
     """
 
     folder: Path
@@ -91,6 +93,7 @@ class Reconciled:
     later: float | None = None
 
     def __post_init__(self) -> None:
+        self.opened: Callable[[str], Storage] = self._opened
         self.restart()
 
     @property
@@ -98,12 +101,14 @@ class Reconciled:
         """The storage, not watched."""
         return LocalStorage(self.folder / "storage")
 
-    def restart(self, namespaces: tuple[str, ...] = ()) -> None:
+    def restart(
+        self, namespaces: tuple[str, ...] = (), installation: str = "here", hosts: tuple[str, ...] = ()
+    ) -> None:
         """A new operator, which remembers nothing."""
-        settings = Settings(storage_uri=self.storage.uri)
-        self.reconciler = FleetReconciler(
-            self.cluster, settings, self.folder / "library", namespaces, self.cluster.clock, self._opened
-        )
+        settings, library = Settings(storage_uri=self.storage.uri, storage_hosts=hosts), self.folder / "library"
+        clock, opened = self.cluster.clock, self.opened
+        means = Means(self.cluster, settings, library, frozenset(namespaces), clock, opened, lambda: installation)
+        self.reconciler = FleetReconciler(means)
 
     def ask(self, **changes: Any) -> None:
         """Have the user apply the FleetSpec with parts of its spec changed, and the files beside it."""

@@ -1,4 +1,7 @@
-"""Situations of fleets for tests of their status: one for each phase, step and trouble, and random ones."""
+"""Situations of fleets for tests of their status: one for each phase, step and trouble, and random ones.
+
+Steps, troubles and refusals are those that the operator itself makes of what it sees.
+"""
 
 from __future__ import annotations
 
@@ -7,26 +10,19 @@ from typing import Any
 
 from hypothesis import strategies as st
 
+from fleet.errors import FleetError, Problem, SpecError, StorageUnavailable
 from fleet.functions.contract import AgentMetrics
 from fleet.missions.documents import GoalResult, MissionEvaluation, judge
 from fleet.spec.swarm import Goal
-from fleet_operator.policy.lifecycle import (
-    Done,
-    Failed,
-    Fly,
-    MissionProgress,
-    Order,
-    Prepare,
-    Progress,
-    Retrain,
-    Step,
-    Suspended,
-    Train,
-    Wait,
-    Weigh,
-)
+from fleet_operator.policy.lifecycle import Course, MissionProgress, Progress, next_step
 from fleet_operator.policy.mission_status import MissionSituation
 from fleet_operator.policy.status import Situation, Trouble
+from fleet_operator.policy.troubles import of_agents, of_pod, of_storage
+from fleet_operator.reconcile import asked
+from fleet_operator.reconcile.tell import unobserved
+from fleet_operator.resources import names
+from fleet_operator.resources.refs import ObjectRef
+from fleet_operator.resources.views import PodView
 
 AGENTS = ("agent-1", "agent-2")
 DUE = frozenset({"1", "2", "1-2"})
@@ -58,70 +54,111 @@ def trained(*missions: MissionProgress) -> Progress:
     return Progress(prepared=True, trained=True, missions=missions, now_s=EPOCH_S)
 
 
+COURSE = Course(AGENTS, missions=3)
+PREPARED = Progress(prepared=True, now_s=EPOCH_S)
+
+
 def situation(
-    step: Step | None,
-    progress: Progress | None = None,
+    progress: Progress,
     last: MissionEvaluation | None = None,
     *troubles: Trouble,
     refusal: Trouble | None = None,
+    course: Course = COURSE,
 ) -> Situation:
-    """A situation of a fleet that is to fly three missions."""
-    reached = progress or Progress()
+    """A situation of a fleet that is to fly three missions, at the step that it takes next."""
     return Situation(
         generation=3,
-        step=step,
+        step=next_step(course, progress),
         refusal=refusal,
-        progress=reached,
-        shaped=reached.trained,
+        progress=progress,
+        shaped=progress.trained,
         last=last,
         troubles=troubles,
         storage_uri="webhdfs://fleet@namenode:9870/fleet",
         now=NOW,
-        missions=3,
+        missions=course.missions,
     )
 
 
-IMAGE = Trouble("ImageMissing", "the image farm/map:2 of map cannot be pulled", lasting=True)
-AGENT = Trouble("AgentFailed", "agent-1 failed: its battery is empty")
-STORAGE = Trouble("StorageUnavailable", "namenode:9870 does not answer")
-FILES = Trouble("FilesMissing", "crops.py is nowhere; run `fleet files fleetspec.yaml | kubectl apply -f -`")
-INVALID = Trouble("SpecInvalid", "spec.missions.schedule: is not a schedule", lasting=True)
+def blind(*troubles: Trouble, refusal: Trouble | None = None) -> Situation:
+    """A situation in which nothing could be observed, or in which there is nothing."""
+    return replace(unobserved(3, refusal, EPOCH_S), troubles=troubles)
+
+
+def pod_trouble(job: str, waiting: str, message: str, age_s: float) -> Trouble:
+    """What is said of a pod that waits."""
+    node = "" if waiting == "Unschedulable" else "gateway-1"
+    pod = PodView(
+        ObjectRef("fields", f"{job}-x"), job, "Pending", node, waiting, message, 0, {}, False, EPOCH_S - age_s
+    )
+    trouble = of_pod(job, pod, EPOCH_S)
+    assert trouble is not None
+    return trouble
+
+
+def refusal(reason: str, error: FleetError, advice: str = "") -> Trouble:
+    """What is said of a FleetSpec that is refused."""
+    trouble = asked.refused(reason, error, advice).refusal
+    assert trouble is not None
+    return trouble
+
+
+TRAINER = names.training_job("crops")
+PULLING = pod_trouble(TRAINER, "ErrImagePull", "registry.farm does not answer", 30.0)
+IMAGE = pod_trouble(TRAINER, "ImagePullBackOff", "farm/map:2 not found", 400.0)
+NO_ROOM = pod_trouble("crops-m0001-workflow-agent-2", "Unschedulable", "0/4 nodes have room", 0.0)
+BATTERY = {"agent-1": "its battery is empty"}
+AGENT = of_agents(1, BATTERY)
+STORAGE = of_storage(StorageUnavailable("namenode:9870 does not answer"))
+FILES = refusal(
+    asked.FILES_MISSING,
+    SpecError([Problem("spec.map.function", "crops.py is nowhere")]),
+    "apply the files beside it: fleet files fleetspec.yaml | kubectl apply -f -",
+)
+INVALID = refusal(asked.INVALID, SpecError([Problem("spec.missions.schedule", "is not a schedule")]))
+TAKEN = refusal(asked.STORAGE_TAKEN, FleetError("fields/crops has the data of a fleet with other agents"))
+BROKEN = f"training failed: BackoffLimitExceeded; see the log of Job {TRAINER}"
 
 SITUATIONS: dict[str, Situation] = {
-    "nothing was observed yet": situation(None),
-    "the storage does not answer at first": situation(None, None, None, STORAGE),
-    "files are missing": situation(None, refusal=FILES),
-    "the FleetSpec is invalid": situation(None, refusal=INVALID),
-    "files are missing after a mission": situation(Order(2), trained(OVER), evaluation(1, 0.8), refusal=FILES),
-    "preparing": situation(Prepare()),
-    "shaping": situation(Train(), Progress(prepared=True)),
-    "training": replace(situation(Train(), Progress(prepared=True)), shaped=True),
-    "the image of the trainer is missing": situation(Train(), Progress(prepared=True), None, IMAGE),
-    "the trainer is broken": situation(Failed("the trainer failed: no context"), Progress(prepared=True)),
-    "ordering the first mission": situation(Order(1), trained()),
-    "flying": situation(Fly(1, AGENTS), trained(ORDERED)),
-    "flying, one has landed": situation(Fly(1, ("agent-2",)), trained(HALF_LANDED)),
-    "flying, one has failed": situation(Fly(1, ("agent-2",)), trained(HALF_LANDED), None, AGENT),
-    "flying, no machine has room": situation(
-        Fly(1, AGENTS), trained(ORDERED), None, Trouble("Unschedulable", "0/4 nodes have room"), STORAGE
+    "nothing was observed yet": blind(),
+    "the storage does not answer at first": blind(STORAGE),
+    "files are missing": blind(refusal=FILES),
+    "the FleetSpec is invalid": blind(refusal=INVALID),
+    "the storage is another's": blind(refusal=TAKEN),
+    "files are missing in flight": situation(trained(OVER, ORDERED), evaluation(1, 0.8), refusal=FILES),
+    "the FleetSpec is invalid in flight": situation(trained(OVER, ORDERED), evaluation(1, 0.8), refusal=INVALID),
+    "preparing": situation(Progress(now_s=EPOCH_S)),
+    "shaping": situation(PREPARED),
+    "training": replace(situation(PREPARED), shaped=True),
+    "the image of the trainer is pulled again": situation(PREPARED, None, PULLING),
+    "the image of the trainer is missing": situation(PREPARED, None, IMAGE),
+    "the trainer is broken": situation(replace(PREPARED, broken=BROKEN)),
+    "ordering the first mission": situation(trained()),
+    "flying": situation(trained(ORDERED)),
+    "flying, one has landed": situation(trained(HALF_LANDED)),
+    "flying, one has failed": situation(trained(HALF_LANDED), None, AGENT),
+    "flying, no machine has room": situation(trained(ORDERED), None, NO_ROOM, STORAGE),
+    "all have landed": situation(trained(LANDED)),
+    "retraining": situation(trained(REPORTED), evaluation(1, 0.8)),
+    "retraining after a missed goal": situation(trained(REPORTED), evaluation(1, 0.6, **BATTERY), AGENT),
+    "weighing": situation(trained(replace(EVALUATED, retrained=DUE)), evaluation(1, 0.8)),
+    "waiting": situation(trained(OVER), evaluation(1, 0.8), course=replace(COURSE, interval_s=60.0)),
+    "weighing is broken, and what is to help lacks files": situation(
+        replace(
+            trained(EVALUATED), broken="weighing mission 1 failed: out of memory; see the log of Job crops-m0001-weigh"
+        ),
+        evaluation(1, 0.8),
+        refusal=FILES,
     ),
-    "all have landed": situation(Fly(1, ("agent-1",)), trained(LANDED)),
-    "retraining": situation(Retrain(1, ("1-2", "2")), trained(REPORTED), evaluation(1, 0.8)),
-    "retraining after a missed goal": situation(
-        Retrain(1, ("1-2", "2")), trained(REPORTED), evaluation(1, 0.6, **{"agent-1": "its battery is empty"}), AGENT
-    ),
-    "weighing": situation(Weigh(1), trained(EVALUATED), evaluation(1, 0.8)),
-    "waiting": situation(Wait(2, 60.0, EPOCH_S + 60), trained(OVER), evaluation(1, 0.8)),
-    "suspended before the first mission": situation(Suspended(1), trained()),
-    "suspended": situation(Suspended(2), trained(OVER), evaluation(1, 0.8)),
-    "flying the second mission": situation(Fly(2, AGENTS), trained(OVER, ORDERED), evaluation(1, 0.8)),
+    "suspended before the first mission": situation(trained(), course=replace(COURSE, suspended=True)),
+    "suspended": situation(trained(OVER), evaluation(1, 0.8), course=replace(COURSE, suspended=True)),
+    "flying the second mission": situation(trained(OVER, ORDERED), evaluation(1, 0.8)),
     "every agent failed": situation(
-        Failed("every agent failed in mission 1; see their landing.json"),
-        trained(EVALUATED),
+        trained(replace(EVALUATED, failed=frozenset(AGENTS))),
         evaluation(1, 0.0, **dict.fromkeys(AGENTS, "its battery is empty")),
     ),
-    "done": situation(Done(3), trained(OVER, OVER, OVER), evaluation(3, 0.9)),
-    "done, goals missed": situation(Done(3), trained(OVER, OVER, OVER), evaluation(3, 0.5)),
+    "done": situation(trained(OVER, OVER, OVER), evaluation(3, 0.9)),
+    "done, goals missed": situation(trained(OVER, OVER, OVER), evaluation(3, 0.5)),
 }
 """One for each phase, step and kind of trouble."""
 

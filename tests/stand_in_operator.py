@@ -11,7 +11,7 @@ import os
 from collections.abc import Mapping
 
 from fleet_operator.__main__ import run
-from fleet_operator.cluster.port import Cluster
+from fleet_operator.cluster.connection import Connection
 from fleet_operator.config import Config
 from fleet_operator.resources import names
 from fleet_operator.resources.refs import FLEET_SPEC, Manifest, ObjectRef
@@ -22,9 +22,9 @@ log = logging.getLogger("stand-in")
 class StandIn:
     """Notes in a ConfigMap who saw which generation of a fleet."""
 
-    def __init__(self, config: Config, cluster: Cluster) -> None:
+    def __init__(self, config: Config, connection: Connection) -> None:
         self._identity = config.identity
-        self._cluster = cluster
+        self._cluster = connection.cluster
 
     async def reconcile(self, ref: ObjectRef) -> float | None:
         log.info("pass of %s", ref.name)

@@ -12,6 +12,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from fleet.contexts.base import ContextKind
 from fleet.errors import ContextError, Problem
+from fleet.plain_yaml import NotPlain, load_plain
 from fleet.spec.base import Identifier, Model, Name
 
 MANIFEST = "context.yaml"
@@ -172,10 +173,9 @@ def manifest_text(manifest: CubeManifest) -> bytes:
 
 def _document(data: bytes, where: str) -> dict[str, Any]:
     try:
-        document = yaml.safe_load(data)
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
-        reason = " ".join(str(error).split())
-        raise BrokenContext(where, [Problem(MANIFEST, f"is not YAML: {reason}")]) from error
+        document = load_plain(data)
+    except NotPlain as error:
+        raise BrokenContext(where, [Problem(MANIFEST, str(error))]) from error
     if not isinstance(document, dict):
         hint = "write fields such as kind: AutonomyCube"
         raise BrokenContext(where, [Problem(MANIFEST, "is not a mapping", hint)])

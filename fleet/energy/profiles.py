@@ -5,6 +5,7 @@ A reference is the name of a built-in profile (`fleet/energy/profiles.yaml`), or
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Mapping
 from difflib import get_close_matches
 from functools import cache
@@ -12,10 +13,10 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-import yaml
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
 
 from fleet.errors import Problem, SpecError
+from fleet.plain_yaml import LARGEST_BYTES, NotPlain, load_plain
 
 BUILT_IN = "built-in profiles"
 _Finite = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -146,8 +147,7 @@ def built_in(section: str) -> tuple[str, ...]:
 
 @cache
 def _built_in_document() -> Mapping[str, Any]:
-    text = (resources.files("fleet.energy") / "profiles.yaml").read_text("utf-8")
-    document: Mapping[str, Any] = yaml.safe_load(text)
+    document: Mapping[str, Any] = load_plain((resources.files("fleet.energy") / "profiles.yaml").read_bytes())
     return document
 
 
@@ -165,13 +165,13 @@ def _find(section: str, reference: str, folder: Path | None) -> tuple[str, Any]:
 def _read(path: str, folder: Path | None) -> Any:
     file = (folder or Path()) / path
     try:
-        return yaml.safe_load(file.read_text("utf-8"))
+        with file.open("rb") as opened:
+            return load_plain(opened.read(LARGEST_BYTES + 1))
     except OSError as error:
         hint = "give the path of a YAML file with `aircraft` and `edge` profiles"
         raise SpecError([Problem(path, f"cannot be read: {error.strerror or error}", hint)], path) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        reason = " ".join(str(error).split())
-        raise SpecError([Problem(path, f"is not YAML: {reason}")], path) from error
+    except NotPlain as error:
+        raise SpecError([Problem(path, str(error))], path) from error
 
 
 def _pick(document: Any, section: str, name: str, where: str) -> Any:
@@ -204,4 +204,5 @@ def _problem(name: str, detail: Any) -> Problem:
         case "extra_forbidden":
             return Problem(path, "is not a field of a profile", "remove it, or correct its name")
         case _:
-            return Problem(path, f"{detail['msg'][:1].lower()}{detail['msg'][1:]}, not {detail['input']!r}")
+            given = reprlib.repr(detail["input"])
+            return Problem(path, f"{detail['msg'][:1].lower()}{detail['msg'][1:]}, not {given}")

@@ -1,11 +1,13 @@
-"""Appending to files of HDFS: one request where all is well, and nothing twice where it is not.
+"""Appending to files of HDFS: a look and a request where all is well, and nothing twice where it is not.
 
 Over a network nobody may know whether an append was taken, and one that seems lost may still arrive. So what is in
-doubt is not sent again: the file is written anew with what it must have and renamed over the old one, which shuts out
-whoever still writes to that. The first append of a process to a file does the same.
+doubt is not sent again: the file is written anew with what it must have and renamed over the old one. The first append
+of a process to a file does the same. So the file of a process that writes to it is its own one, and a process that was
+given up finds another file, or another size, when it looks before its next append: it writes no more.
 
-What remains: a DataNode that hangs in the instant between asking for the data and opening the file, and goes on after
-the file was replaced, adds these bytes to the new one. The lines that this platform appends may be there twice.
+HDFS appends by path, and has no way to say "if it still is this file". What remains are the instants between a look and
+what follows it: the data of an append that was under way when the file was replaced may be lost though it was
+acknowledged to the process that was given up, or be added to the new file, where it may be twice.
 """
 
 from __future__ import annotations
@@ -36,12 +38,14 @@ class _Known:
     Args:
         size_bytes: All that was acknowledged, or read.
         ours: This process has made the file, so that no append of an earlier writer can still reach it.
+        number: Of the file that this process has made; 0 while it has not looked.
         node: Where the last append was sent to.
         doubtful: Appends that were not acknowledged: one of them, or a part of it, may be after `size_bytes`.
     """
 
     size_bytes: int
     ours: bool = False
+    number: int = 0
     node: str = ""
     doubtful: tuple[bytes, ...] = ()
 
@@ -69,6 +73,8 @@ class Appends:
             Changed: another process has written to the file since this one read it or appended to it.
         """
         known = self._get(path)
+        if known is not None and known.ours and not known.doubtful:
+            known = self._looked_at(path, known)
         if known is None or not known.ours or known.doubtful or not self._send(path, data, known):
             self._take_over(path, data)
 
@@ -87,6 +93,24 @@ class Appends:
         with self._lock:
             for known in [known for known in self._known if known == path or known.startswith(f"{path}/")]:
                 del self._known[known]
+
+    def _looked_at(self, path: str, known: _Known) -> _Known | None:
+        """What is known of a file, after a look whether another process has written to it; None when it is gone.
+
+        Raises:
+            Changed: one has.
+        """
+        try:
+            found = self._files.status(path)
+        except Refused as refused:
+            if refused.fate is not Fate.ABSENT:
+                raise
+            self.forget(path)
+            return None
+        if found.size_bytes != known.size_bytes or known.number not in (0, found.number):
+            self._put(path, _Known(-1))  # until it is read again
+            raise Changed
+        return replace(known, number=found.number)
 
     def _send(self, path: str, data: bytes, known: _Known) -> bool:
         """Append by one request. False when nobody knows what became of it, or another writer is in the way."""
@@ -139,8 +163,8 @@ class Appends:
             raise
         if data or content is None:
             self._put(path, replace(known, size_bytes=len(base), doubtful=(*known.doubtful, data)))
-            self._files.replace(path, base + data)
-            self.was_made(path, len(base) + len(data))
+            number = self._files.replace(path, base + data, numbered=True)
+            self._put(path, _Known(len(base) + len(data), ours=True, number=number))
 
     def _get(self, path: str) -> _Known | None:
         with self._lock:

@@ -15,6 +15,7 @@ from fleet.clock import SystemClock
 from fleet.errors import ObjectNotFound, StorageError
 from fleet.storage.appends import Appends, Changed
 from fleet.storage.hdfs_files import HdfsFiles
+from fleet.storage.limits import Limits
 from fleet.storage.paths import folder_parts, is_part, object_parts
 from fleet.storage.patience import Patience
 from fleet.storage.port import Entry
@@ -36,22 +37,24 @@ class HdfsStorage:
     Args:
         address: Where it is.
         patience_s: How long each operation is tried.
+        limits: What one call may take.
     Errors: as in the port. Wrong paths raise StorageError. An append to an object that another process has changed
     since this one read it or appended to it raises StorageError, until it is read again.
     """
 
     address: WebHdfsAddress
     patience_s: float = PATIENCE_S
+    limits: Limits = field(default=Limits(), repr=False)
     _files: HdfsFiles = field(init=False, repr=False, compare=False)
     _appends: Appends = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        files = HdfsFiles(WebHdfs(self.address), self.patience_s)
+        files = HdfsFiles(WebHdfs(self.address, self.limits), self.patience_s)
         object.__setattr__(self, "_files", files)
         object.__setattr__(self, "_appends", Appends(files, self.patience_s))
 
-    def __reduce__(self) -> tuple[type[HdfsStorage], tuple[WebHdfsAddress, float]]:
-        return HdfsStorage, (self.address, self.patience_s)
+    def __reduce__(self) -> tuple[type[HdfsStorage], tuple[WebHdfsAddress, float, Limits]]:
+        return HdfsStorage, (self.address, self.patience_s, self.limits)
 
     @property
     def uri(self) -> str:

@@ -71,24 +71,33 @@ class HdfsFiles:
         with no_matter(Fate.ABSENT, Fate.NO_FOLDER):
             self.patiently(lambda _: self.door.delete(path))
 
-    def replace(self, path: str, data: bytes) -> None:
-        """Make or replace a file as a whole: readers see the old or the new one, and old writers lose it."""
+    def replace(self, path: str, data: bytes, numbered: bool = False) -> int:
+        """Make or replace a file as a whole: readers see the old or the new one, and who appends to it finds out.
+
+        Args:
+            numbered: Whether the number of the new file is wanted, which costs a call.
+
+        Returns:
+            Its number, or 0.
+        """
         folder, _, name = path.rpartition("/")
         for attempt in range(_ATTEMPTS):
             temporary = f"{folder}/~{name[:_LONGEST_NAME]}~{uuid.uuid4().hex[:8]}"
             try:
-                return self._write_beside(path, temporary, data)
+                return self._write_beside(path, temporary, data, numbered)
             except Refused as refused:
                 # Absent: another process deleted the folder. Or an answer was lost, and the rename was done: twice is
                 # as good as once.
                 if refused.fate is not Fate.ABSENT or attempt == _ATTEMPTS - 1:
                     self.tidy(temporary)
                     raise
-        return None
+        return 0
 
-    def _write_beside(self, path: str, temporary: str, data: bytes) -> None:
+    def _write_beside(self, path: str, temporary: str, data: bytes, numbered: bool) -> int:
         self.patiently(lambda avoid: self.door.create(temporary, data, avoid))
+        number = self.status(temporary).number if numbered else 0  # asked now, as another may rename over it at once
         self.patiently(lambda _: self.door.rename(temporary, path))
+        return number
 
     def truncate(self, path: str, size_bytes: int) -> None:
         """Cut a file off at its first bytes, and wait until it may be appended to again."""

@@ -12,11 +12,13 @@ import errno
 import fcntl
 import os
 import shutil
+import stat
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from fleet.errors import ObjectNotFound, StorageError, StorageFull, StorageReadOnly, StorageUnavailable
+from fleet.storage.limits import Limits, too_large
 from fleet.storage.paths import folder_parts, is_part, object_parts
 from fleet.storage.port import Entry
 
@@ -33,10 +35,12 @@ class LocalStorage:
 
     Args:
         root: The directory.
+        limits: What one call may take; only sizes count.
     Errors: as in the port. Wrong paths raise StorageError.
     """
 
     root: Path
+    limits: Limits = field(default=Limits(), repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "root", Path(self.root).absolute())
@@ -50,7 +54,7 @@ class LocalStorage:
         """The whole object; ObjectNotFound when there is none."""
         file = self._file(path)
         try:
-            return file.read_bytes()
+            return _content(file, self.limits.object_bytes)
         except _ABSENT as error:
             raise ObjectNotFound(f"there is no object {path} in {self.uri}") from error
         except OSError as error:
@@ -124,6 +128,23 @@ def _entries(folder: Path, prefix: str) -> Iterator[Entry]:
         else:
             with contextlib.suppress(*_ABSENT):
                 yield Entry(path, item.stat().st_size)
+
+
+def _content(file: Path, most_bytes: int) -> bytes:
+    """A whole file. A pipe or a device is no object: reading it might never end.
+
+    Raises:
+        StorageError: it is larger than what may be read.
+    """
+    descriptor = os.open(file, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+    with os.fdopen(descriptor, "rb") as opened:
+        found = os.fstat(descriptor)
+        if not stat.S_ISREG(found.st_mode):
+            raise FileNotFoundError(errno.ENOENT, "no regular file", str(file))
+        data = b"" if found.st_size > most_bytes else opened.read(most_bytes + 1)
+    if max(len(data), found.st_size) > most_bytes:
+        raise StorageError(f"cannot read {file}: {too_large(found.st_size, most_bytes)}")
+    return data
 
 
 def _replace(file: Path, data: bytes) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 from fleet.errors import Problem, SpecError
+from fleet.storage.limits import Limits
 from fleet.storage.local import LocalStorage
 from fleet.storage.port import Storage
 
@@ -14,18 +15,21 @@ _KNOWN = "write file:///absolute/folder or webhdfs://user@namenode:9870/folder"
 PATIENCE = "FLEET_STORAGE_PATIENCE_S"
 
 
-def open_storage(uri: str) -> Storage:
+def open_storage(uri: str, limits: Limits | None = None) -> Storage:
     """The storage at an address: `file:///absolute/folder` or `webhdfs://[user@]namenode[:9870][,namenode2]/folder`.
+
+    Args:
+        limits: What one call may take.
 
     Raises:
         SpecError: the address is not one; says what to write instead.
     """
-    address = urlsplit(uri)
+    address, limits = urlsplit(uri), limits or Limits()
     match address.scheme:
         case "file":
-            return LocalStorage(_folder(uri))
+            return LocalStorage(_folder(uri), limits)
         case "webhdfs":
-            return _hdfs(uri)
+            return _hdfs(uri, limits)
         case "hdfs" | "swebhdfs":
             why = "is Hadoop's own protocol" if address.scheme == "hdfs" else "needs TLS, which is not spoken here"
             hint = f"write webhdfs://user@{address.hostname or 'namenode'}:9870/folder"
@@ -36,7 +40,7 @@ def open_storage(uri: str) -> Storage:
             raise _wrong(uri, f"begins with {address.scheme}://, which is no known storage", _KNOWN)
 
 
-def _hdfs(uri: str) -> Storage:
+def _hdfs(uri: str, limits: Limits) -> Storage:
     # Loading it takes as long as the rest of a small role's start, and most runs are in a local directory.
     from fleet.storage.hdfs import PATIENCE_S, HdfsStorage  # noqa: PLC0415
     from fleet.storage.webhdfs_address import WebHdfsAddress  # noqa: PLC0415
@@ -44,7 +48,7 @@ def _hdfs(uri: str) -> Storage:
     patience = os.environ.get(PATIENCE, "")
     if patience and not patience.isdigit():
         raise SpecError([Problem(PATIENCE, f"{patience!r} is not a number of seconds")], source="the environment")
-    return HdfsStorage(WebHdfsAddress.parse(uri), float(patience or PATIENCE_S))
+    return HdfsStorage(WebHdfsAddress.parse(uri), float(patience or PATIENCE_S), limits)
 
 
 def _folder(uri: str) -> Path:

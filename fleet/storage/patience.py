@@ -6,6 +6,8 @@ import random
 import time
 from collections.abc import Callable
 
+from fleet.storage.limits import left_s
+
 
 class Patience:
     """Waits of one operation.
@@ -37,7 +39,7 @@ class Patience:
         Args:
             at_least_s: What the server asks for.
         """
-        left = self._end - self._now()
+        left = min(self._end - self._now(), left_s())
         if left <= 0:
             return False
         pause = max(self._next_s * (0.5 + 0.5 * self._chance()), at_least_s)

@@ -23,10 +23,11 @@ from hdfs.client import Client, _Request
 from hdfs.util import HdfsError
 from urllib3.exceptions import NewConnectionError
 
+from fleet.storage.limits import Limits, left_s, within
 from fleet.storage.webhdfs_address import WebHdfsAddress
 from fleet.storage.webhdfs_answers import Fate, Refused, fate_of
 from fleet.storage.webhdfs_identity import identity
-from fleet.storage.webhdfs_transport import TAKEN_S, AskedAdapter
+from fleet.storage.webhdfs_transport import DOCUMENT_BYTES, TAKEN_S, Session, TooLarge, checked
 
 CONNECTIONS = 8
 """How many calls one process has under way; further ones wait."""
@@ -39,13 +40,18 @@ logging.getLogger("hdfs.client").setLevel(logging.CRITICAL)  # what it meets is 
 
 @dataclass(frozen=True)
 class FileStatus:
-    """A file or folder of HDFS."""
+    """A file or folder of HDFS.
+
+    Args:
+        number: Of the file, in HDFS: another file of the same path has another one. 0 when the server does not tell.
+    """
 
     name: str
     is_folder: bool
     size_bytes: int
     children: int
     modified_s: float
+    number: int = 0
 
 
 @dataclass(frozen=True)
@@ -64,12 +70,9 @@ class _Client(Client):  # type: ignore[misc]
     _get_file_block_locations = _Request("GET")
 
     def __init__(self, address: WebHdfsAddress) -> None:
-        session = requests.Session()
-        session.trust_env = False  # a proxy for the internet has nothing to do with HDFS
-        session.mount("http://", AskedAdapter())
         urls = ";".join(f"http://{host}" for host in address.hosts)
         timeouts = (CONNECT_S, ANSWER_S)
-        super().__init__(urls, proxy=address.on_behalf_of or None, timeout=timeouts, session=session)
+        super().__init__(urls, proxy=address.on_behalf_of or None, timeout=timeouts, session=Session())
         self._address = address
 
     def send(self, method: str, url: str, data: bytes) -> requests.Response:
@@ -77,6 +80,11 @@ class _Client(Client):  # type: ignore[misc]
         headers = {"Content-Type": "application/octet-stream"} | ({"Expect": "100-continue"} if data else {})
         session: requests.Session = self._session
         return session.request(method, url, data=data, headers=headers, timeout=(CONNECT_S, TAKEN_S))
+
+    def reads(self, most_bytes: int) -> None:
+        """Let the answers of the calls from now on be so large."""
+        session: Session = self._session
+        session.most_bytes = most_bytes
 
     def jmx(self, bean: str) -> requests.Response:
         """What the active NameNode says of itself."""
@@ -96,8 +104,8 @@ class WebHdfs:
     Every call may raise Refused.
     """
 
-    def __init__(self, address: WebHdfsAddress) -> None:
-        self._address = address
+    def __init__(self, address: WebHdfsAddress, limits: Limits | None = None) -> None:
+        self._address, self._limits = address, limits or Limits()
         self._owner, self._idle = 0, _slots()
 
     def create(self, path: str, data: bytes, avoid: Collection[str] = ()) -> None:
@@ -126,9 +134,8 @@ class WebHdfs:
         """A whole file."""
 
         def whole(client: _Client) -> requests.Response:
-            response: requests.Response
-            with client._open(path, strict=False, **_excluded(avoid)) as response:
-                response.content  # noqa: B018 - reads it, while an error of the connection is still ours to translate
+            client.reads(self._limits.object_bytes)
+            response: requests.Response = client._open(path, strict=False, **_excluded(avoid))
             return response
 
         return self._call(whole).content
@@ -184,12 +191,17 @@ class WebHdfs:
 
     def _call(self, ask: Callable[[_Client], requests.Response]) -> requests.Response:
         """One call over an idle connection. Raises Refused for everything but success."""
-        with self._client() as client:
+        if left_s() <= 0:
+            raise Refused(Fate.PASSING, "no time is left for it", sent=False)
+        with self._client() as client, within(self._limits.call_s):
+            client.reads(DOCUMENT_BYTES)
             try:
                 response = ask(client)
             except HdfsError as error:  # the package has asked each NameNode, or has met a status 401
                 fate = Fate.PASSING if error.exception else Fate.STRANGER
                 raise Refused(fate, error.message) from error
+            except TooLarge as error:
+                raise Refused(Fate.TOO_LARGE, str(error)) from error
             except requests.RequestException as error:
                 raise self._unanswered(error) from error
             except (KeyError, TypeError) as error:  # an error in JSON that is not WebHDFS's
@@ -262,7 +274,10 @@ def _location(redirect: requests.Response) -> str:
     url = redirect.headers.get("Location", "")
     if not url:
         raise Refused(Fate.PASSING, "the server names no DataNode: is this a NameNode's HTTP port?", sent=False)
-    return url
+    try:
+        return checked(url, redirect.url)
+    except requests.RequestException as error:
+        raise Refused(Fate.PASSING, str(error), sent=False) from error
 
 
 def _parsed(answer: requests.Response, parse: Callable[[dict[str, Any]], T]) -> T:
@@ -279,6 +294,7 @@ def _status(document: dict[str, Any]) -> FileStatus:
         int(document["length"]),
         int(document.get("childrenNum", -1)),
         int(document["modificationTime"]) / 1000,
+        int(document.get("fileId", 0)),
     )
 
 

@@ -62,14 +62,17 @@ class WebHdfsAddress:
 
 
 def with_copies(uri: str, copies: int) -> str:
-    """The address of the same storage that keeps this many copies, unless the address itself says how many.
+    """The address of the same storage that keeps this many copies, or what the address asks for when that is more.
+
+    HDFS may refuse fewer copies than the installation keeps (`dfs.namenode.replication.min`).
 
     Args:
         uri: Any address of a storage; those of other kinds stay as they are.
     """
-    if urlsplit(uri).scheme != SCHEME or "replication=" in urlsplit(uri).query:
+    if urlsplit(uri).scheme != SCHEME:
         return uri
-    return str(replace(WebHdfsAddress.parse(uri), replication=copies))
+    address = WebHdfsAddress.parse(uri)
+    return str(replace(address, replication=max(copies, address.replication)))
 
 
 def wrong(uri: str, message: str, hint: str) -> SpecError:

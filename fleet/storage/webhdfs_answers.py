@@ -36,6 +36,8 @@ class Fate(StrEnum):
     COPIES = auto()
     """The server does not keep as many copies as are asked for."""
     UNSUPPORTED = auto()
+    TOO_LARGE = auto()
+    """More than this process is willing to read."""
     PASSING = auto()
 
 
@@ -150,6 +152,8 @@ class Act:
                     "ask for another number of copies (storage.replication, or ?replication= in the address), or "
                     "change dfs.namenode.replication.min or dfs.replication.max of HDFS"
                 )
+            case Fate.TOO_LARGE:
+                advice = "make it smaller, or let this process read more"
             case Fate.UNSUPPORTED:
                 advice = "WebHDFS of Hadoop 3.3 or later is needed"
             case Fate.LEASED | Fate.UNCLOSED | Fate.PASSING:

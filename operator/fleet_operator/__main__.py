@@ -12,14 +12,17 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from functools import partial
 
 from fleet.errors import ExitCode, FleetError
+from fleet.storage.open import open_storage
 from fleet_operator import config as configuration
 from fleet_operator import handlers
-from fleet_operator.cluster.connection import connect
+from fleet_operator.cluster.connection import Connection, connect
 from fleet_operator.cluster.credentials import Credentials
-from fleet_operator.cluster.port import Cluster
 from fleet_operator.config import Config
+from fleet_operator.reconcile.fence import fenced
+from fleet_operator.reconcile.means import Means
 from fleet_operator.reconcile.reconciler import FleetReconciler
 from fleet_operator.resources.refs import ObjectRef
 from fleet_operator.service.logs import start_log
@@ -33,11 +36,11 @@ log = logging.getLogger("fleet_operator")
 GC_THRESHOLDS = (50_000, 50, 100)
 
 
-async def operate(config: Config, credentials: Credentials, build: Callable[[Cluster], Reconciler]) -> ExitCode:
+async def operate(config: Config, credentials: Credentials, build: Callable[[Connection], Reconciler]) -> ExitCode:
     """Run the operator until it is told to stop, or has to.
 
     Args:
-        build: Makes the reconciler of a cluster.
+        build: Makes the reconciler for a connection that is open.
     """
     numbers, stop = Metrics(), asyncio.Event()
     loop = asyncio.get_running_loop()
@@ -51,11 +54,11 @@ async def operate(config: Config, credentials: Credentials, build: Callable[[Clu
     )
     async with connection.transport:
         kopf = handlers.KopfWatches(credentials, connection.watches, config.watch_namespaces)
-        service = Service(connection, build(connection.cluster), config, numbers)
+        service = Service(connection, build(connection), config, numbers)
         return await service.run(stop, [kopf.run()])
 
 
-def run(build: Callable[[Config, Cluster], Reconciler]) -> int:
+def run(build: Callable[[Config, Connection], Reconciler]) -> int:
     """Configure from the environment, and operate; the exit code."""
     try:
         config = configuration.from_environment(os.environ)
@@ -69,15 +72,28 @@ def run(build: Callable[[Config, Cluster], Reconciler]) -> int:
     # Not asyncio.run: it would wait for threads in which a storage call hangs.
     loop = asyncio.new_event_loop()
     try:
-        return int(loop.run_until_complete(operate(config, credentials, lambda cluster: build(config, cluster))))
+        return int(loop.run_until_complete(operate(config, credentials, lambda connection: build(config, connection))))
     except Exception:
         log.exception("the operator ends, and has to be started again")
         return int(ExitCode.TRANSIENT)
 
 
-def fleet_reconciler(config: Config, cluster: Cluster) -> Reconciler:
-    """What the operator does for fleets."""
-    return FleetReconciler(cluster, config.settings, config.library, config.watch_namespaces)
+def fleet_reconciler(config: Config, connection: Connection) -> Reconciler:
+    """What the operator does for fleets; neither cluster nor storage is changed without the lease."""
+
+    def left_s() -> float:
+        return connection.transport.left_s()  # which is another one as soon as there is a lease
+
+    opened = fenced(partial(open_storage, limits=config.limits), left_s)
+    means = Means(
+        connection.cluster,
+        config.settings,
+        config.library,
+        frozenset(config.watch_namespaces),
+        opened=opened,
+        installation=lambda: connection.leases.uid,  # known as soon as the lease is held
+    )
+    return FleetReconciler(means)
 
 
 if __name__ == "__main__":

@@ -6,11 +6,12 @@ import os
 import re
 import socket
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
 from fleet.errors import ExitCode, FleetError
+from fleet.storage.limits import Limits
 from fleet_operator.cluster.credentials import own_namespace
 from fleet_operator.compiler.settings import Settings
 
@@ -18,11 +19,12 @@ T = TypeVar("T")
 PREFIX = "FLEET_OPERATOR_"
 _NAMES = (
     "RUNTIME_IMAGE", "PULL_POLICY", "STORAGE_URI", "STORAGE_CLAIM", "NAMESPACE", "WATCH_NAMESPACES", "WORKERS",
-    "STORAGE_PORTS", "NETWORK_POLICIES", "LIBRARY", "HEALTH_PORT", "LEASE", "LEASE_SECONDS", "IDENTITY",
-    "STOP_SECONDS", "LOG_FORMAT", "LOG_LEVEL",
+    "STORAGE_PORTS", "STORAGE_HOSTS", "STORAGE_LARGEST_MIB", "NETWORK_POLICIES", "LIBRARY", "HEALTH_PORT", "LEASE",
+    "LEASE_SECONDS", "IDENTITY", "STOP_SECONDS", "LOG_FORMAT", "LOG_LEVEL",
 )  # fmt: skip
 # What Kubernetes itself sets in pods beside a Service called fleet-operator ("Service", environment variables).
 _SERVICE_LINK = re.compile(r"SERVICE_(HOST|PORT(_\w+)?)|PORT(_\d+_\w+)?")
+_HOST = re.compile(r"(\*\.)?[A-Za-z0-9._-]+(:[0-9]{1,5})?|\[[0-9A-Fa-f:.]+\](:[0-9]{1,5})?")
 _PULL_POLICIES = ("Always", "IfNotPresent", "Never")
 _LOG_FORMATS = ("plain", "json")
 _LOG_LEVELS = ("debug", "info", "warning", "error")
@@ -43,6 +45,7 @@ class Config:
         namespace: Where the operator itself runs, and its Lease is.
         watch_namespaces: Where fleets are looked for; none means everywhere.
         workers: Fleets that are worked on at the same time.
+        limits: What one call to a storage may take; the size is FLEET_OPERATOR_STORAGE_LARGEST_MIB.
         library: Folder with files of applications by fleet name.
         health_port: Where probes and Prometheus ask; 0 takes a free one.
         lease: Name of the Lease.
@@ -57,6 +60,7 @@ class Config:
     namespace: str = "default"
     watch_namespaces: tuple[str, ...] = ()
     workers: int = 8
+    limits: Limits = field(default=Limits(object_bytes=128 << 20, call_s=60.0))
     library: Path = Path("/fleet/library")
     health_port: int = 8080
     lease: str = "fleet-operator"
@@ -89,12 +93,18 @@ def from_environment(environment: Mapping[str, str]) -> Config:
             pull_policy=_one_of(given, "PULL_POLICY", _PULL_POLICIES, settings.pull_policy),
             storage_uri=_text(given, "STORAGE_URI", settings.storage_uri),
             storage_claim=_text(given, "STORAGE_CLAIM", settings.storage_claim),
+            storage_hosts=_hosts(given, "STORAGE_HOSTS"),
             storage_ports=_ports(given, "STORAGE_PORTS") or settings.storage_ports,
             network_policies=_one_of(given, "NETWORK_POLICIES", ("true", "false"), "true") == "true",
         ),
         namespace=_text(given, "NAMESPACE", own_namespace() or plain.namespace),
         watch_namespaces=_list(given, "WATCH_NAMESPACES"),
         workers=_number(given, "WORKERS", plain.workers, least=1, most=256),
+        limits=replace(
+            plain.limits,
+            object_bytes=_number(given, "STORAGE_LARGEST_MIB", plain.limits.object_bytes >> 20, least=1, most=65536)
+            << 20,
+        ),
         library=Path(_text(given, "LIBRARY", str(plain.library))),
         health_port=_number(given, "HEALTH_PORT", plain.health_port, least=0, most=65535),
         lease=_text(given, "LEASE", plain.lease),
@@ -112,6 +122,15 @@ def _text(given: Mapping[str, str], name: str, default: str) -> str:
 
 def _list(given: Mapping[str, str], name: str) -> tuple[str, ...]:
     return tuple(sorted({part.strip() for part in given.get(name, "").split(",")} - {""}))
+
+
+def _hosts(given: Mapping[str, str], name: str) -> tuple[str, ...]:
+    def fits(text: str) -> bool:
+        return all(_HOST.fullmatch(part.strip()) for part in text.split(",") if part.strip())
+
+    wanted = "hosts joined by commas: name, name:port or *.domain"
+    _checked(given, name, "any", fits, wanted)
+    return tuple(host.lower() for host in _list(given, name))
 
 
 def _ports(given: Mapping[str, str], name: str) -> tuple[int, ...]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import json
-from collections.abc import Iterator, Sequence
+import socket
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from threading import Thread
+from threading import Event, Thread
 from urllib.parse import parse_qs, urlsplit
 
 
@@ -30,9 +32,10 @@ FILE = Answer(200, {"FileStatus": {"pathSuffix": "", "type": "FILE", "length": 3
 
 @dataclass
 class StandIn:
-    """One that runs, and the query of each request that it has answered."""
+    """One that runs, the query of each request that it has answered, and how many connections it was asked over."""
 
     address: str
+    connections: int = 0
     queries: list[dict[str, str]] = field(default_factory=list)
 
 
@@ -54,6 +57,12 @@ def namenode(*answers: Answer) -> Iterator[StandIn]:
 
 def _handler(answers: Sequence[Answer]) -> type[BaseHTTPRequestHandler]:
     class Handler(BaseHTTPRequestHandler):
+        protocol_version = "HTTP/1.1"
+
+        def setup(self) -> None:
+            super().setup()
+            self.server.stand_in.connections += 1  # type: ignore[attr-defined]  # set above
+
         def do_GET(self) -> None:
             stand_in: StandIn = self.server.stand_in  # type: ignore[attr-defined]
             answer = answers[min(len(stand_in.queries), len(answers) - 1)]
@@ -72,3 +81,48 @@ def _handler(answers: Sequence[Answer]) -> type[BaseHTTPRequestHandler]:
             """Nothing."""
 
     return Handler
+
+
+ENDLESS = b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n", itertools.repeat(b"8000\r\n%s\r\n" % bytes(0x8000))
+"""The start of an answer, and what follows for ever."""
+
+
+@contextmanager
+def sender(start: bytes, parts: Iterable[bytes], pause_s: float = 0.0) -> Iterator[str]:
+    """Its address: a server that sends the same bytes to everybody, and goes on until nobody listens any more."""
+    stop = Event()
+    listener = socket.create_server(("127.0.0.1", 0))
+    listener.settimeout(0.05)
+
+    def serve(peer: socket.socket) -> None:
+        with peer:
+            try:
+                peer.recv(1 << 16)
+                peer.sendall(start)
+                for part in parts:
+                    peer.sendall(part)
+                    if stop.wait(pause_s):
+                        return
+            except OSError:
+                return
+
+    def accept() -> None:
+        while not stop.is_set():
+            try:
+                peer, _ = listener.accept()
+            except TimeoutError:
+                continue
+            thread = Thread(target=serve, args=(peer,))
+            thread.start()
+            served.append(thread)
+
+    served: list[Thread] = []
+    accepting = Thread(target=accept)
+    accepting.start()
+    try:
+        yield f"127.0.0.1:{listener.getsockname()[1]}"
+    finally:
+        stop.set()
+        for thread in (accepting, *served):
+            thread.join()
+        listener.close()

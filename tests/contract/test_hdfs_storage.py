@@ -218,3 +218,15 @@ def test_an_object_that_another_process_changed_is_not_appended_to_before_it_is_
     assert other.read("log") == b"one\ntwo\n"
     other.append("log", b"three\n")
     assert storage.read("log") == b"one\ntwo\nthree\n"
+
+
+def test_a_process_whose_object_another_one_took_over_appends_no_more(storage: HdfsStorage) -> None:
+    other = HdfsStorage(storage.address)
+    storage.append("log", b"one\n")
+    storage.append("log", b"two\n")
+    other.append("log", b"three\n")
+    for _ in range(2):
+        with pytest.raises(StorageError, match="another process has written to it"):
+            storage.append("log", b"late\n")
+    other.append("log", b"four\n")
+    assert other.read("log") == b"one\ntwo\nthree\nfour\n"

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from fleet.errors import SpecError, StorageUnavailable
+from fleet.errors import ObjectNotFound, SpecError, StorageError, StorageUnavailable
+from fleet.storage.limits import Limits
 from fleet.storage.local import LocalStorage
 from fleet.storage.open import open_storage
 from fleet.storage.port import Entry, Storage
@@ -100,6 +101,24 @@ def test_files_that_are_no_objects_are_not_listed(tmp_path: Path) -> None:
     (tmp_path / "notes of mine.txt").write_text("x")
     (tmp_path / "good.csv").write_text("xy")
     assert LocalStorage(tmp_path).list("") == [Entry("good.csv", 2)]
+
+
+def test_what_may_never_end_is_no_object(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "zero").symlink_to("/dev/zero")
+    for name in ("pipe", "zero"):
+        with pytest.raises(ObjectNotFound, match=name):
+            LocalStorage(tmp_path).read(name)
+
+
+def test_an_object_that_is_too_large_is_not_read(tmp_path: Path) -> None:
+    storage = LocalStorage(tmp_path, Limits(object_bytes=1 << 20))
+    storage.write("fits", bytes(1 << 20))
+    assert storage.read("fits") == bytes(1 << 20)
+    with (tmp_path / "sparse").open("wb") as file:
+        file.truncate(10 << 30)
+    with pytest.raises(StorageError, match="it has 10240 MiB, and this process reads objects of at most 1 MiB"):
+        storage.read("sparse")
 
 
 def test_objects_are_made_with_the_permissions_of_the_user(tmp_path: Path) -> None:

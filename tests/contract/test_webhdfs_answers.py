@@ -11,8 +11,9 @@ import pytest
 
 from fleet.errors import StorageError, StorageFull, StorageUnavailable
 from fleet.storage.hdfs import HdfsStorage
+from fleet.storage.limits import Limits, within
 from fleet.storage.webhdfs_address import WebHdfsAddress
-from tests.contract.stand_in_namenode import FILE, Answer, namenode, refusal
+from tests.contract.stand_in_namenode import ENDLESS, FILE, Answer, namenode, refusal, sender
 
 WRITTEN_TO = "File /fleet/a could only be written to"
 PASSING = [
@@ -143,3 +144,89 @@ def test_a_proxy_for_the_internet_is_not_asked(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.delenv("no_proxy", raising=False)
     with namenode(FILE) as stand_in:
         assert storage_at(stand_in.address, patience_s=0.1).exists("a")
+
+
+# servers of somebody who means no good
+
+HEAD = b"HTTP/1.1 200 OK\r\nContent-Length: 1000000000\r\n"
+DRIPS = {
+    "no answer": (b"", [b""] * 1000),
+    "a head": (b"HTTP/1.1 200 OK\r\n", [b"X"] * 1000),
+    "many heads": (b"HTTP/1.1 200 OK\r\n", [b"X: 1\r\n"] * 1000),
+    "a body": (b"HTTP/1.1 200 OK\r\nContent-Length: 900\r\n\r\n", [b"x"] * 900),
+    "the size of a chunk": (b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n", [b"0"] * 1000),
+}
+SMALL = Limits(object_bytes=1000, call_s=0.3)
+
+
+def bounded(host: str, patience_s: float = 0.0, limits: Limits = SMALL) -> HdfsStorage:
+    return HdfsStorage(WebHdfsAddress((host,), "/fleet", "fleet"), patience_s, limits)
+
+
+@pytest.mark.parametrize("answer", [(HEAD + b"\r\n", [b""]), ENDLESS], ids=["said", "not said"])
+def test_an_object_that_is_too_large_is_not_read(answer: tuple[bytes, list[bytes]]) -> None:
+    with (
+        sender(*answer) as address,
+        pytest.raises(StorageError, match="this process reads objects of at most 0 MiB; make it smaller"),
+    ):
+        bounded(address, patience_s=30.0, limits=Limits(1000, 30.0)).read("a")
+
+
+def test_an_answer_that_is_no_object_is_not_read_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fleet.storage.webhdfs.DOCUMENT_BYTES", 1 << 20)
+    with sender(*ENDLESS) as address, pytest.raises(StorageError, match="objects of at most 1 MiB"):
+        bounded(address, limits=Limits(call_s=30.0)).exists("a")
+
+
+@pytest.mark.parametrize("drip", DRIPS.values(), ids=DRIPS)
+@pytest.mark.parametrize("act", ["read", "exists"])
+def test_data_that_drips_prolongs_no_call(act: str, drip: tuple[bytes, list[bytes]]) -> None:
+    with sender(*drip, pause_s=0.1) as address, pytest.raises(StorageUnavailable, match=r"(?i)timed out|too long"):
+        getattr(bounded(address), act)("a")
+
+
+def test_the_time_of_a_pass_counts_over_all_of_its_calls() -> None:
+    with sender(*DRIPS["a body"], pause_s=0.1) as address:
+        storage = bounded(address, patience_s=60.0, limits=Limits(call_s=60.0))
+        with within(0.3):
+            with pytest.raises(StorageUnavailable):
+                storage.read("a")
+            with pytest.raises(StorageUnavailable, match="no time is left for it"):
+                storage.exists("a")
+    with namenode(FILE) as stand_in:
+        assert bounded(stand_in.address).exists("a")
+
+
+@pytest.mark.parametrize(
+    "location",
+    [
+        "http://169.254.169.254/latest/meta-data/",
+        "http://127.0.0.1:6443/api/v1/secrets",
+        "https://127.0.0.1:6443/webhdfs/v1/fleet/a",
+        "//127.0.0.1:1/elsewhere",
+        "ftp://127.0.0.1/webhdfs/v1/fleet/a",
+    ],
+)
+def test_an_answer_leads_to_servers_of_webhdfs_only(location: str) -> None:
+    with (
+        namenode(Answer(307, "", {"Location": location})) as stand_in,
+        pytest.raises(StorageUnavailable, match="which is no address of WebHDFS"),
+    ):
+        bounded(stand_in.address).read("a")
+
+
+def test_an_answer_that_leads_in_a_circle_is_not_followed_for_long() -> None:
+    circle = Answer(307, "", {"Location": "/webhdfs/v1/fleet/a?op=OPEN"})
+    with (
+        namenode(circle) as stand_in,
+        pytest.raises(StorageUnavailable, match="Exceeded 3 redirects"),
+    ):
+        bounded(stand_in.address, limits=Limits(call_s=30.0)).read("a")
+    assert len(stand_in.queries) == 4
+
+
+def test_connections_are_kept() -> None:
+    with namenode(FILE) as stand_in:
+        storage = bounded(stand_in.address, limits=Limits())
+        assert [(storage.exists("a"), len(storage.read("a"))) for _ in range(3)] == [(True, 86)] * 3
+    assert stand_in.connections == 1

@@ -92,14 +92,59 @@ REFUSALS = {
     "hdfs.namenode.hostPath=/var/lib/names": (
         "hdfs.namenode.hostPath is a folder of one node: name that node with hdfs.namenode.nodeSelector"
     ),
+    "hdfs.datanode.hostPath=null": "at '/hdfs/datanode': missing property 'hostPath'",
+    "operator.resources=null": "at '/operator': missing property 'resources'",
+    "images=null": "at '': missing property 'images'",
+    "storage.kind=volume,operator.watchNamespaces={fleet-system,fields}": (
+        "storage.kind is volume, whose claim is in namespace fleet-system, and pods of other namespaces cannot mount "
+        "it: leave operator.watchNamespaces empty, or name fleet-system alone"
+    ),
+    "operator.extraEnv[0].name=FLEET_OPERATOR_LEASE": (
+        "operator.extraEnv has FLEET_OPERATOR_LEASE, which is there already: the chart sets it from its own values"
+    ),
+    "operator.extraEnv[0].name=ONE,operator.extraEnv[1].name=ONE": "operator.extraEnv has ONE, which is there already",
+    "operator.storageHosts={http://archive}": "at '/operator/storageHosts/0': 'http://archive' does not match pattern",
+    "admission.storage.allowed={webhdfs://fleet@archive/fields?doas=hdfs}": (
+        "at '/admission/storage/allowed/0': 'webhdfs://fleet@archive/fields?doas=hdfs' does not match pattern"
+    ),
 }
 
 
 @pytest.mark.parametrize("values", REFUSALS)
 def test_values_that_cannot_be_right_are_refused_in_words(helm: Helm, values: str) -> None:
-    done = helm.attempt("template", RELEASE, CHART, "--set", values)
+    done = helm.attempt("template", RELEASE, CHART, "--namespace", NAMESPACE, "--set", values)
     assert done.returncode != 0
     assert REFUSALS[values] in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("one.two", "take a name of small letters, digits and '-' that begins with a letter"),
+        ("1st", "take a name of small letters, digits and '-' that begins with a letter"),
+        ("a" * 41, "is longer than 40 letters"),
+    ],
+)
+def test_releases_are_called_what_services_can_be_called(helm: Helm, name: str, reason: str) -> None:
+    assert reason in helm.attempt("template", name, CHART).stderr
+    assert helm.attempt("template", "a" * 40, CHART).returncode == 0
+
+
+def test_no_variable_of_the_operator_can_be_there_twice(helm: Helm, manifests: Rendered) -> None:
+    own = [each["name"] for each in _environment(manifests("default"))]
+    assert len(own) == len(set(own)) > 10
+    taken = [name for name in own if helm.attempt(*_extra(name)).returncode == 0]
+    assert taken == []
+
+
+def _extra(name: str) -> list[str | Path]:
+    return ["template", RELEASE, CHART, "--set", f"operator.extraEnv[0].name={name}"]
+
+
+def _environment(manifests: list[Manifest]) -> list[Manifest]:
+    pod = find(manifests, "Deployment", f"{RELEASE}-operator")["spec"]["template"]["spec"]
+    environment: list[Manifest] = pod["containers"][0]["env"]
+    return environment
 
 
 def test_the_schema_describes_every_value_and_no_other() -> None:
@@ -108,6 +153,23 @@ def test_the_schema_describes_every_value_and_no_other() -> None:
     values = yaml.safe_load((CHART / "values.yaml").read_text())
     assert sorted(described) == sorted({*_paths(values, described), ".global"})
     assert [path for path, part in described.items() if len(part.get("description", "")) < 5] == []
+
+
+def test_no_value_can_be_taken_away() -> None:
+    """What is null is not there for templates; the schema says so before they fail, or print nothing."""
+    schema = json.loads((CHART / "values.schema.json").read_text())
+    values = yaml.safe_load((CHART / "values.yaml").read_text())
+    described = {"": schema} | dict(_described(schema, ""))
+    sections = {path: part for path, part in described.items() if "properties" in part and path != ".global"}
+    assert {path: sorted(part.get("required", ())) for path, part in sections.items()} == {
+        path: sorted(_at(values, path)) for path in sections
+    }
+
+
+def _at(values: Any, path: str) -> Any:
+    for name in path.split(".")[1:]:
+        values = values[name]
+    return values
 
 
 def test_the_schema_closes_every_object() -> None:
@@ -170,18 +232,20 @@ def test_only_who_talks_to_the_api_server_has_a_token_and_only_datanodes_are_on_
 
 def test_the_operator_understands_what_the_chart_tells_it(manifests: Rendered) -> None:
     def told(case: str) -> Config:
-        pod = find(manifests(case), "Deployment", f"{RELEASE}-operator")["spec"]["template"]["spec"]
-        variables = {each["name"]: each.get("value", NAMESPACE) for each in pod["containers"][0]["env"]}
+        variables = {each["name"]: each.get("value", NAMESPACE) for each in _environment(manifests(case))}
         return from_environment(variables | {"FLEET_OPERATOR_IDENTITY": "one"})
 
     plain = Config(namespace=NAMESPACE, lease=f"{RELEASE}-operator", identity="one")
     host = f"{RELEASE}-namenode.{NAMESPACE}.svc"
-    storage = replace(plain.settings, storage_uri=f"webhdfs://fleet@{host}:9870/fleet")
+    storage = replace(plain.settings, storage_uri=f"webhdfs://fleet@{host}:9870/fleet?replication=2")
     assert told("default") == replace(plain, settings=storage)
     claim = f"{RELEASE}-storage"
     volume = replace(plain.settings, storage_uri="file:///fleet/storage", storage_claim=claim, network_policies=False)
     assert told("volume") == replace(plain, settings=volume)
     assert told("existing-storage").watch_namespaces == ("fields", "orchards")
+    ports_and_hosts = told("everything-else").settings
+    assert ports_and_hosts.storage_ports == (9870, 19864)
+    assert ports_and_hosts.storage_hosts == ("*.farm.example.org", "10.77.0.9", "archive.example.org:9870")
 
 
 @pytest.mark.parametrize("case", CASES)

@@ -125,7 +125,8 @@ def test_every_container_is_hardened_and_has_requests_and_limits(case: str) -> N
                 "readOnlyRootFilesystem": True,
                 "capabilities": {"drop": ["ALL"]},
             }
-            assert {"name": "tmp", "mountPath": "/tmp"} in container["volumeMounts"]
+            assert {"name": f"tmp-{container['name']}", "mountPath": "/tmp"} in container["volumeMounts"]
+            assert container.get("workingDir") != "/tmp"
             assert [sorted(container["resources"][kind]) for kind in ("requests", "limits")] == [["cpu", "memory"]] * 2
 
 

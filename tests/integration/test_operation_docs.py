@@ -89,12 +89,14 @@ def test_every_command_works(plane: ControlPlane, tmp_path: Path) -> None:
 
 
 def _narrowed(plane: ControlPlane) -> None:
-    """The admission policy of docs/security.md is in force, and lets the example through."""
+    """The admission policy of the chart is in force, and lets the example and what docs/security.md allows through."""
     document = yaml.safe_load(EXAMPLE.read_text())
     document["spec"]["storage"] = {"uri": "webhdfs://hdfs@namenode:9870/other"}
     abroad = yaml.safe_dump(document)
     apply = ("apply", "--dry-run=server", "-n", "fields", "-f", "-")
-    wait_for("the policy", lambda: "storage is used" in plane.try_kubectl(*apply, stdin=abroad).stderr, 30.0)
+    wait_for("the policy", lambda: "not allowed here" in plane.try_kubectl(*apply, stdin=abroad).stderr, 30.0)
+    document["spec"]["storage"] = {"uri": "webhdfs://fleet@archive.example.org:9870/fields/corn"}
+    wait_for("what is allowed", lambda: plane.try_kubectl(*apply, stdin=yaml.safe_dump(document)).returncode == 0, 30.0)
     plane.kubectl(*apply, stdin=EXAMPLE.read_text())
 
 

@@ -182,12 +182,14 @@ def start_bed(folder: Path, sites: Sequence[Site], images: Sequence[Path] = (), 
 
 
 @contextmanager
-def bed(folder: Path, images: Sequence[Path] = (), spec: BedSpec | None = None) -> Iterator[Bed]:
+def bed(
+    folder: Path, images: Sequence[Path] = (), spec: BedSpec | None = None, sites: Sequence[Site] = TESTS
+) -> Iterator[Bed]:
     """A bed of the tests: it ends with the context, and when this process is killed.
 
     Start it in the main thread: the kernel ends it with the thread that started it. For arguments see `start_bed`.
     """
-    started = _start(folder, TESTS, images, spec, ("setpriv", "--pdeathsig", "KILL"))
+    started = _start(folder, sites, images, spec, ("setpriv", "--pdeathsig", "KILL"))
     try:
         started.wait_ready()
         yield started

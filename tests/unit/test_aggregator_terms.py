@@ -6,7 +6,8 @@ from typing import Any
 
 from fleet.missions.documents import WeightsDocument
 from fleet.spec.resources import Fleet
-from fleet_operator.flow.orders import Room, aggregator_terms
+from fleet_operator.compiler.target import AggregatorTerms
+from fleet_operator.flow.orders import Room, aggregator_terms, in_waves, terms_of_the_rest
 from fleet_operator.policy.shares import Capacity
 from tests.fleet_runs import spec_document
 
@@ -57,3 +58,21 @@ def test_the_fleetspec_bounds_what_aggregators_share() -> None:
     limits = [each.share.limit for each in terms if each.share]
     assert [round(limit.cores, 9) for limit in limits] == [0.2] * 3
     assert [limit.memory_bytes for limit in limits] == [2**30] * 3
+
+
+def test_jobs_are_made_in_the_order_of_their_levels_after_those_that_are_suspended() -> None:
+    terms = [AggregatorTerms(key, level) for key, level in (("1", 2), ("2", 0), ("3", 9), ("1-2", 2), ("1-3", 5))]
+    waves = [[each.subset for each in wave] for wave in in_waves(terms)]
+    assert waves == [["2"], ["3"], ["1-3"], ["1", "1-2"]]
+    assert in_waves([]) == ()
+
+
+def test_those_at_work_divide_what_the_others_do_not_use() -> None:
+    usefulness = {"1": 0.6, "2": 0.2, "1-2": 0.3}
+    document = WeightsDocument(number=1, weights={}, usefulness=dict(usefulness))
+    terms = aggregator_terms(fleet(), {1: document}, 1, MACHINE, KEYS)
+    rest = terms_of_the_rest(fleet(), terms, {"1-2"}, MACHINE)
+    assert [(each.subset, each.level, each.share and each.share.limit.cores) for each in rest] == [
+        ("1", 6, 3.0),
+        ("2", 2, 1.0),
+    ]

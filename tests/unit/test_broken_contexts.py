@@ -131,6 +131,8 @@ def test_a_wrong_table_is_refused_with_what_to_write(change: Change, message: st
          "in context.yaml"),
         ("pictures: Rendered", "render: {feature: exg, low: 1, high: 1}", "render: low and high must differ"),
         ("kind: AutonomyCube", "kind: [", "context.yaml: is not YAML"),
+        ("kind: AutonomyCube", "dates: &a [1]\nkind: *a", "context.yaml: is not YAML: write it out in "
+         "place of an alias"),
     ],
 )  # fmt: skip
 def test_a_wrong_context_yaml_is_refused_with_what_to_write(old: str, new: str, message: str) -> None:

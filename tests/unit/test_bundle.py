@@ -43,5 +43,8 @@ def test_too_large_a_bundle_says_to_build_an_image() -> None:
 def test_names_that_a_config_map_cannot_have_are_refused() -> None:
     with pytest.raises(SpecError, match=r"cannot carry a file called 'profil é\.yaml'"):
         Bundle({"profil é.yaml": b""})
+    for path in ("/tmp/x.py", "a/../../x.py", "../x.py", "./x.py", "a//x.py", "a/"):
+        with pytest.raises(SpecError, match="cannot carry a file called"):
+            Bundle({path: b""})
     with pytest.raises(SpecError, match=r"a\.b\.yaml and a/b\.yaml have the same key"):
         Bundle({"a.b.yaml": b"", "a/b.yaml": b""})

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from fleet.errors import SpecError
 from fleet.spec.resources import FleetSpec
-from fleet_operator.compiler.missions import aggregator_job, aggregator_resources, workflow_job
+from fleet_operator.compiler.missions import aggregator_job, aggregator_resources, training_job, workflow_job
 from fleet_operator.compiler.network import network_policies, storage_ports
 from fleet_operator.compiler.placement import MOST_NODES, affinity
 from fleet_operator.compiler.resizing import resizes
@@ -113,6 +113,29 @@ def test_a_fleet_that_names_a_folder_which_no_volume_holds_is_refused() -> None:
         "spec.storage.uri: no volume holds the folder /fleet/storage-2; "
         "leave it out, or write a folder below file:///fleet/storage"
     )
+
+
+@pytest.mark.parametrize("folder", ["/fleet/storage/../../etc", "/fleet/storage/%2e%2e/x", "/fleet/storage/a/../b"])
+def test_a_folder_that_leads_out_of_its_volume_is_refused(folder: str) -> None:
+    with pytest.raises(SpecError, match="no volume holds the folder"):
+        storage_folder(target(VOLUME, storage={"uri": f"file://{folder}"}))
+
+
+@pytest.mark.parametrize("functions", [{}, {"map": {"image": "map:1"}, "eval": {"image": "eval:1"}}])
+def test_no_container_can_put_what_another_one_runs(functions: dict[str, Any]) -> None:
+    fleet = target(**functions)
+    for job in (workflow_job(fleet, 1, "agent-1"), training_job(fleet)):
+        pod = job["spec"]["template"]["spec"]
+        containers = [*pod.get("initContainers", []), *pod["containers"]]
+        writable = [
+            mount["name"] for each in containers for mount in each["volumeMounts"] if not mount.get("readOnly", False)
+        ]
+        assert len(set(writable)) == len(writable)
+        assert {each["name"] for each in pod["volumes"] if "emptyDir" in each} == set(writable)
+        for each in containers:
+            variables = {variable["name"]: variable["value"] for variable in each["env"]}
+            if each["image"] == fleet.settings.runtime_image:
+                assert (variables["PYTHONSAFEPATH"], each["workingDir"]) == ("1", "/")
 
 
 def test_running_aggregators_get_what_others_have_left() -> None:

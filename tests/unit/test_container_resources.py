@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from fleet.errors import SpecError
 from fleet.spec.base import Amounts, Resources, quantity_value
+from fleet_operator.compiler.defaults import SMALLEST_AGGREGATOR
 from fleet_operator.compiler.quantities import cpu_text, memory_text, of_share, settled, whole_cores
 from fleet_operator.policy.shares import Capacity, Share
 
@@ -62,11 +63,12 @@ def test_no_request_is_ever_above_its_limit_and_what_is_given_is_kept(requests: 
 @given(st.floats(0, 64), st.integers(0, 2**36))
 @settings(max_examples=100)
 def test_a_share_is_never_below_what_an_aggregator_needs(cores: float, memory_bytes: int) -> None:
-    smallest = Amounts(cpu="50m", memory="160Mi")
     capacity = Capacity(cores, memory_bytes)
-    limits = of_share(Share(capacity, Capacity(cores / 10, memory_bytes / 10)), smallest).limits
-    assert quantity_value(str(limits.cpu)) >= max(0.05, cores - 0.0011)
-    assert quantity_value(str(limits.memory)) >= max(160 * 2**20, memory_bytes - 2**20)
+    share = Share(capacity, Capacity(cores / 10, memory_bytes / 10))
+    resources = of_share(share, SMALLEST_AGGREGATOR)
+    assert quantity_value(str(resources.limits.cpu)) >= max(0.05, cores - 0.0011)
+    assert quantity_value(str(resources.limits.memory)) >= max(160 * 2**20, memory_bytes - 2**20)
+    assert quantity_value(str(resources.requests.memory)) < quantity_value(str(resources.limits.memory))
 
 
 def test_quantities_are_written_as_kubernetes_writes_them() -> None:

@@ -90,6 +90,35 @@ def test_a_file_that_is_not_yaml_is_refused(tmp_path: Path, content: str) -> Non
         load_aircraft("bad.yaml#x", tmp_path)
 
 
+BOMB = "\n".join([
+    "a0: &a0 [x, x, x, x, x, x, x, x, x, x]",
+    *(f"a{n}: &a{n} [{', '.join(['*a' + str(n - 1)] * 10)}]" for n in range(1, 9)),
+    "edge: {box: {idle: *a8}}",
+])  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (BOMB, "bad.yaml: is not YAML: write it out in place of an alias"),
+        ("[" * 100_000, "bad.yaml: is not YAML: maximum recursion depth"),
+        ("#" * 300_000, "bad.yaml: is larger than 256 KiB"),
+        ("edge: {box: {idle: {power_w: " + "9" * 200_000 + "x}}}", "valid number, unable to parse string as a number"),
+    ],
+)
+def test_a_small_file_that_means_much_is_refused_in_few_words(tmp_path: Path, content: str, message: str) -> None:
+    (tmp_path / "bad.yaml").write_text(content)
+    with pytest.raises(SpecError) as caught:
+        load_edge("bad.yaml#box", tmp_path)
+    assert message in str(caught.value)
+    assert len(str(caught.value)) < 1000
+
+
+def test_a_file_without_an_end_is_not_read_to_its_end() -> None:
+    with pytest.raises(SpecError, match="/dev/zero: is larger than 256 KiB"):
+        load_edge("/dev/zero#box")
+
+
 def test_every_profile_of_the_shared_file_is_read(shared_data: Path) -> None:
     file = shared_data / "energy" / "profiles.yaml"
     assert load_aircraft(f"{file}#dji-mavic").forward.energy_j == pytest.approx(394.6)

@@ -17,6 +17,7 @@ from fleet.spec.resources import FleetStatus
 from fleet_operator.compiler import defaults
 from fleet_operator.policy.status import fleet_status, story
 from fleet_operator.reconcile import asked
+from fleet_operator.reconcile.copies import FEWER_COPIES
 from fleet_operator.resources.conditions import FleetCondition
 from fleet_operator.service import metrics
 from tests.conftest import ROOT
@@ -123,7 +124,7 @@ def test_the_table_of_events_has_every_event() -> None:
     }
     troubles = reasons() | {trouble.reason for each in SITUATIONS.values() for trouble in each.troubles}
     refusals = {each.refusal.reason for each in SITUATIONS.values() if each.refusal}
-    assert set(told) == (happens - troubles - refusals) | {"Adopted"}
+    assert set(told) == (happens - troubles - refusals) | {"Adopted", FEWER_COPIES}
     assert '"Adopted"' in (OPERATOR / "reconcile/claiming.py").read_text()
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from fleet.errors import ExitCode
+from fleet.storage.limits import Limits
 from fleet_operator.compiler.settings import Settings
 from fleet_operator.config import Config, ConfigError, from_environment
 
@@ -17,6 +18,8 @@ def test_every_variable_has_its_place() -> None:
         "PULL_POLICY": "Never",
         "STORAGE_URI": "file:///fleet/storage",
         "STORAGE_CLAIM": "fleet-storage",
+        "STORAGE_HOSTS": "nn2:9870, *.Farm.example,[fd00::1]",
+        "STORAGE_LARGEST_MIB": "64",
         "NAMESPACE": "fleet-system",
         "WATCH_NAMESPACES": "west, east,",
         "WORKERS": "3",
@@ -36,7 +39,9 @@ def test_every_variable_has_its_place() -> None:
             pull_policy="Never",
             storage_uri="file:///fleet/storage",
             storage_claim="fleet-storage",
+            storage_hosts=("*.farm.example", "[fd00::1]", "nn2:9870"),
         ),
+        limits=Limits(object_bytes=64 << 20, call_s=60.0),
         namespace="fleet-system",
         watch_namespaces=("east", "west"),
         workers=3,
@@ -61,6 +66,9 @@ def test_an_empty_environment_is_the_defaults() -> None:
     [
         ("WORKERS", "many", "a whole number from 1 to 256"),
         ("WORKERS", "0", "a whole number from 1 to 256"),
+        ("STORAGE_HOSTS", "http://nn", "hosts joined by commas: name, name:port or *.domain"),
+        ("STORAGE_HOSTS", "nn1 nn2", "hosts joined by commas: name, name:port or *.domain"),
+        ("STORAGE_LARGEST_MIB", "0", "a whole number from 1 to 65536"),
         ("HEALTH_PORT", "70000", "a whole number from 0 to 65535"),
         ("PULL_POLICY", "Sometimes", "one of Always, IfNotPresent, Never"),
         ("LOG_FORMAT", "xml", "one of plain, json"),

@@ -164,6 +164,36 @@ def test_keeping_ends_when_the_api_server_is_away_for_too_long(world: World) -> 
     assert not world.first.held
 
 
+def test_keeping_ends_when_it_is_over_even_while_the_api_server_is_asked(world: World) -> None:
+    class Silent(OneLease):
+        async def write(self, record: LeaseRecord) -> LeaseRecord:
+            if self.writes:
+                await asyncio.Event().wait()  # an answer that never comes
+            return await super().write(record)
+
+    timing = replace(TIMING, deadline_s=0.05)
+    lease = Lease(Silent(), "first", timing, random.Random(0))
+    run(lease.acquire())
+    run(lease.keep())
+    assert not lease.held
+
+
+def test_keeping_does_not_sleep_longer_than_the_lease_is_held(world: World) -> None:
+    lease = Lease(world.place, "first", replace(TIMING, deadline_s=0.05, renew_s=3600.0), random.Random(0))
+    run(lease.acquire())
+    run(lease.keep())
+    assert (lease.held, world.place.writes) == (False, 1)
+
+
+def test_what_is_left_of_the_lease_is_counted_from_before_it_was_renewed(world: World) -> None:
+    assert world.first.left_s == 0.0
+    assert world.tries(world.first)
+    world.now_s += 4.0
+    assert world.first.left_s == 6.0
+    world.now_s += 7.0
+    assert world.first.left_s == 0.0
+
+
 def test_readiness_needs_news_of_the_lease(world: World) -> None:
     assert not world.second.is_heard
     assert world.tries(world.first)

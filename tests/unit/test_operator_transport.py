@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 import random
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +57,7 @@ class Door:
         self.folder = folder
         self.counted: list[tuple[str, int]] = []
         self.pauses: list[float] = []
-        self.allowed = True
+        self.left_s = math.inf
         self.token = "first"
 
     def talk(self, script: Script, scene: Callable[[Transport], Awaitable[Any]]) -> Any:
@@ -67,7 +68,7 @@ class Door:
             credentials = Credentials({"KUBECONFIG": str(self._kubeconfig(server.sockets[0].getsockname()[1]))})
             self._kubeconfig(server.sockets[0].getsockname()[1], "second")  # what a second look at the file finds
             async with server:
-                transport = Transport(credentials, 2, lambda: self.allowed, self._count, random.Random(0))
+                transport = Transport(credentials, 2, lambda: self.left_s, self._count, random.Random(0))
                 transport.pause_s = self._pause  # type: ignore[method-assign]  # no test waits for a back-off
                 async with transport:
                     return await scene(transport)
@@ -179,7 +180,7 @@ def test_credentials_that_stay_bad_are_an_error(door: Door) -> None:
 
 
 def test_who_may_not_write_sends_nothing_but_reads_and_urgent_calls(door: Door) -> None:
-    door.allowed = False
+    door.left_s = 0.0
     script = Script([OK, OK])
     with pytest.raises(errors.NotLeading):
         door.send(script, PATCH)
@@ -198,6 +199,18 @@ def test_an_answer_that_does_not_come_in_time_is_an_error(door: Door) -> None:
     with pytest.raises(errors.Unavailable):
         door.send(Slow([]), Call("get", "/api/v1/nodes", tries=1, timeout_s=0.2))
     assert door.counted == [("get", 0)]
+
+
+def test_a_write_is_given_up_when_the_lease_is_over(door: Door) -> None:
+    class Silent(Script):
+        async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            await reader.read()  # until the other side gives up
+            writer.close()
+
+    door.left_s = 0.2
+    with pytest.raises(errors.Unavailable):
+        door.send(Silent([]), replace(PATCH, tries=1, timeout_s=3600.0))
+    assert door.counted == [("patch", 0)]
 
 
 def test_lines_of_a_watch_come_whole_however_they_are_cut(door: Door) -> None:

@@ -99,6 +99,7 @@ def test_a_pod_says_why_it_waits() -> None:
         },
         "status": {
             "phase": "Pending",
+            "startTime": "1970-01-01T00:01:00Z",
             "initContainerStatuses": [{"restartCount": 2, "state": waiting}],
             "containerStatuses": [{"restartCount": 1, "state": {"waiting": {"reason": "PodInitializing"}}}],
         },
@@ -112,6 +113,7 @@ def test_a_pod_says_why_it_waits() -> None:
         message="no such image",
         restarts=3,
         containers={"map": {}, "workflow": {"limits": {"cpu": "1"}}},
+        started_s=60.0,
     )
 
 

@@ -10,6 +10,7 @@ import pytest
 from fleet.storage.layout import CLAIMS
 from fleet_operator.flow.claims import all_claims
 from fleet_operator.flow.stored import read_spec
+from fleet_operator.reconcile.claiming import data_uri
 from fleet_operator.resources.refs import FLEET_SPEC
 from tests.reconciled import PATHS, REF, Reconciled
 
@@ -108,6 +109,7 @@ def test_data_of_a_fleet_with_other_agents_is_left_alone(run: Reconciled) -> Non
     run.ask(agents={"count": 3})
     run.look()
     assert (run.later, run.conditions()["Compiled"]) == (60.0, ("False", "StorageTaken"))
+    assert run.conditions()["Stalled"] == ("True", "StorageTaken")
     assert "other agents" in run.message("Compiled")
     spec = read_spec(run.storage, PATHS)
     assert spec is not None
@@ -165,3 +167,14 @@ def test_a_fleetspec_that_is_on_its_way_out_is_left_alone(run: Reconciled) -> No
     run.cluster.objects[FLEET_SPEC.kind, REF]["metadata"]["deletionTimestamp"] = "2026-01-01T00:00:00Z"
     run.look()
     assert (run.later, run.cluster.calls, run.storage_calls) == (None, [], [])
+
+
+@pytest.mark.parametrize(
+    ("storage", "expected"),
+    [
+        ("file:///fleet", "file:///fleet/farm/plots"),
+        ("webhdfs://fleet@name:9870/fleet/?replication=3", "webhdfs://fleet@name:9870/fleet/farm/plots?replication=3"),
+    ],
+)
+def test_the_address_of_a_fleets_data_keeps_what_the_storages_asks_for(storage: str, expected: str) -> None:
+    assert data_uri(storage, "farm/plots") == expected

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from fleet.errors import SpecError
 from fleet_operator.flow import files as module
 from fleet_operator.flow.commands import files
-from fleet_operator.flow.files import from_config_maps, to_config_maps
+from fleet_operator.flow.files import from_config_maps, place, to_config_maps
 from fleet_operator.resources import names
 from tests.conftest import ROOT
 from tests.fleet_runs import write_application
@@ -71,6 +71,73 @@ def test_a_configmap_that_cannot_be_unpacked_says_why(paths: str, message: str) 
     manifest = {"metadata": {"name": "mine", "annotations": {names.PATHS_ANNOTATION: paths}}, "data": {"own": ""}}
     with pytest.raises(SpecError, match=message):
         from_config_maps([manifest])
+
+
+def unpacked(paths: Any) -> dict[str, bytes]:
+    keys = {f"key-{number}": path for number, path in enumerate(paths)}
+    metadata = {"name": "mine", "annotations": {names.PATHS_ANNOTATION: json.dumps(keys)}}
+    return from_config_maps([{"metadata": metadata, "data": dict.fromkeys(keys, "")}])
+
+
+@pytest.mark.parametrize(
+    ("paths", "message"),
+    [
+        (["m.py#1/999999"], "m.py: 999998 of its 999999 pieces are not there"),
+        (["m.py#1/2", "m.py#7/2"], "m.py: 1 of its 2 pieces are not there"),
+        ([""], "'': is no name that a file can have"),
+        (["."], "'.': is no name that a file can have"),
+        (["d/"], "'d/': is no name that a file can have"),
+        (["d//e.py"], "'d//e.py': is no name that a file can have"),
+        (["a\0b"], r"'a\x00b': is no name that a file can have"),
+        (["\ud800"], r"'\ud800': is no name that a file can have"),
+        (["x" * 300], f"'{'x' * 80}': is no name that a file can have"),
+        (["a/" * 600 + "b"], "is no name that a file can have"),
+        (["d", "d/e"], "d/e: d is a file, and not the folder of d/e"),
+        (["d/e/f.py", "d"], "d/e/f.py: d is a file, and not the folder of d/e/f.py"),
+    ],
+)
+def test_a_path_that_no_file_can_have_is_refused(paths: list[str], message: str) -> None:
+    with pytest.raises(SpecError) as caught:
+        unpacked(paths)
+    assert message in str(caught.value)
+
+
+def test_a_piece_of_a_file_with_more_pieces_than_there_are_numbers_is_no_piece() -> None:
+    assert unpacked(["m.py#1/9999999999"]) == {"m.py#1/9999999999": b""}  # which no module is called
+
+
+def test_annotations_that_nest_without_end_are_told_as_damaged() -> None:
+    annotations = {names.PATHS_ANNOTATION: "[" * 200_000}
+    with pytest.raises(SpecError, match="is not JSON from keys to paths"):
+        from_config_maps([{"metadata": {"name": "mine", "annotations": annotations}, "data": {}}])
+
+
+def test_nothing_is_placed_outside_of_the_folder(tmp_path: Path) -> None:
+    for path in ("../own.py", str(tmp_path / "own.py"), "deep/../../own.py", "deep/../own.py"):
+        with pytest.raises(SpecError, match="leads out of the folder"):
+            place({path: b""}, tmp_path / "folder")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_in_the_place_of_a_file_is_told_of_the_path(tmp_path: Path) -> None:
+    (tmp_path / "own.py").mkdir()
+    with pytest.raises(SpecError, match=r"own\.py: cannot be written as a file"):
+        place({"own.py": b""}, tmp_path)
+
+
+def test_damaged_configmaps_are_said_in_the_status(tmp_path: Path, quick_disk: None) -> None:
+    run = Reconciled(tmp_path)
+    metadata = {
+        "name": "mine",
+        "namespace": REF.namespace,
+        "labels": {names.FILES_LABEL: REF.name},
+        "annotations": {names.PATHS_ANNOTATION: json.dumps({"one": "d", "two": "d/e"})},
+    }
+    run.cluster.put({"apiVersion": "v1", "kind": "ConfigMap", "metadata": metadata, "data": {"one": "", "two": ""}})
+    run.ask()
+    run.look()
+    assert run.conditions()["Compiled"] == ("False", "FilesMissing")
+    assert "d is a file, and not the folder of d/e" in run.message("Compiled")
 
 
 def test_fleet_files_prints_what_the_operator_needs(tmp_path: Path, quick_disk: None) -> None:

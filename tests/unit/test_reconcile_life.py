@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from fleet.errors import StorageUnavailable
 from fleet.missions.documents import MissionOrder, WeightsDocument
 from fleet_operator.flow.stored import read_spec
-from fleet_operator.resources.refs import JOB, ObjectRef
+from fleet_operator.resources.refs import JOB, MISSION, ObjectRef
 from tests.fleet_runs import FUNCTIONS
+from tests.memory_cluster import Broken
 from tests.reconciled import PATHS, REF, Reconciled
 
 A_MISSION = ["Flying", "Retraining", "Weighing"]
@@ -80,6 +83,74 @@ def test_jobs_of_missions_before_the_last_two_are_deleted_with_their_services(ru
     assert len(run.names("Mission")) == 3
 
 
+def test_a_service_goes_before_the_job_that_tells_of_it(run: Reconciled) -> None:
+    run.ask(missions={"count": 3})
+
+    def kill(name: str) -> None:
+        if name.startswith("delete Service"):
+            run.cluster.before_call = lambda name: None
+            raise Broken(name)
+
+    run.cluster.before_call = kill
+    with pytest.raises(Broken):
+        run.settle()
+    assert "plots-m0001-sensor-agent-1" in run.names("Job")
+    run.restart()
+    run.settle()
+    assert {name[:11] for name in run.names("Service")} == {"plots-m0002", "plots-m0003"}
+
+
+def test_a_job_of_somebody_else_with_the_fleets_label_is_left_alone(run: Reconciled) -> None:
+    run.ask()
+    run.settle(until="Flying")
+    labels = {"fleetcomputer.io/fleet": REF.name, "fleetcomputer.io/role": "Sensor", "fleetcomputer.io/mission": "0"}
+    mine = {"apiVersion": "batch/v1", "kind": "Job", "spec": {"suspend": True}}
+    run.cluster.put(mine | {"metadata": {"name": "mine", "namespace": "default", "labels": labels}})
+    run.settle()
+    assert run.phase == "Done"
+    assert "mine" in run.names("Job")
+
+
+def test_jobs_that_were_orphaned_are_gone_on_with(run: Reconciled) -> None:
+    run.ask()
+    run.settle(until="Flying")
+    for name in run.names("Job"):
+        del run.cluster.job(name)["metadata"]["ownerReferences"]
+    before = {name: run.cluster.job(name)["metadata"]["uid"] for name in run.names("Job")}
+    run.restart()
+    run.look()
+    assert {name: run.cluster.job(name)["metadata"]["uid"] for name in run.names("Job")} == before
+    run.cluster.end_job("plots-m0001-workflow-agent-2", "it fell")
+    run.look()
+    assert run.storage.exists(PATHS.landing(1, "agent-2"))
+
+
+def test_a_fleet_that_waits_for_long_keeps_little_in_memory(run: Reconciled) -> None:
+    run.ask(missions={"count": 2, "interval": "1h"})
+    run.settle(until="Waiting")
+    (note,) = run.reconciler._notes.values()
+    kept = (note.asked, note.functions, note.stored, note.known, note.documents, note.steps, note.situation)
+    assert kept == (None, None, None, None, {}, {}, None)
+    run.before_storage = away
+    run.look()
+    assert (run.phase, run.conditions()["Degraded"]) == ("Waiting", ("True", "StorageUnavailable"))
+
+
+def away(name: str) -> None:
+    raise StorageUnavailable("the NameNode does not answer")
+
+
+def test_functions_that_change_again_before_the_first_mission_leave_nothing(run: Reconciled) -> None:
+    run.ask()
+    for number in range(4):
+        (run.folder / "library" / "plots" / "own.py").write_text(f"{FUNCTIONS}\nEXTRA = {number % 3}\n")
+        run.ask(training={"epochs": number + 1})
+        run.settle(until="Training")
+    assert len(run.names("ConfigMap")) == 2  # of the trainer that waits, and of the one before it
+    run.settle()
+    assert len(run.names("ConfigMap")) == 1
+
+
 def test_more_missions_are_flown_when_the_user_asks_for_more(run: Reconciled) -> None:
     run.ask(missions={"count": 1})
     run.settle()
@@ -125,7 +196,9 @@ def test_a_change_that_is_refused_in_flight_is_said_and_the_mission_goes_on(run:
     run.ask(stateSpace={"context": "nowhere"})
     run.look()
     assert run.conditions()["Compiled"] == ("False", "Invalid")
+    assert run.conditions()["Stalled"] == ("False", "GoesOn")
     assert run.settle()[-1] == "Refused"
+    assert run.conditions()["Stalled"] == ("True", "Invalid")
     assert run.storage.exists(PATHS.weights(2))
     assert not run.storage.exists(PATHS.plan(2))
     run.ask()
@@ -158,6 +231,66 @@ def test_the_next_mission_waits_for_its_time_whoever_runs_the_operator(run: Reco
     assert (run.later, run.status["nextMission"]) == (1800.0, started)
     run.cluster.clock.sleep(1800.0)
     assert run.settle() == [*A_MISSION, "Done"]
+
+
+def wait_for_the_second_mission(run: Reconciled, missions: dict[str, Any]) -> None:
+    run.ask(missions=missions)
+    run.settle(until="Waiting")
+    if "schedule" in missions:  # the first one waited for its time too
+        run.cluster.clock.sleep(run.later or 0.0)
+        run.settle(until="Waiting")
+
+
+INTERVAL, SCHEDULE = {"count": 2, "interval": "1h"}, {"count": 2, "schedule": "0 * * * *"}
+
+
+@pytest.mark.parametrize("missions", [INTERVAL, SCHEDULE])
+def test_a_mission_that_somebody_deletes_is_made_again_and_the_next_one_starts_at_its_time(
+    run: Reconciled, missions: dict[str, Any]
+) -> None:
+    wait_for_the_second_mission(run, missions)
+    started, first = run.status["nextMission"], run.cluster.missions(REF)[1]
+    for again in (False, True):
+        run.cluster.clock.sleep(600.0)
+        run.cluster.remove(MISSION, ObjectRef("default", "plots-m0001"))
+        if again:
+            run.restart()
+        run.look()
+        made = run.cluster.missions(REF)[1]
+        assert (run.phase, run.status["nextMission"]) == ("Waiting", started)
+        assert (made["spec"], made["status"]["phase"]) == (first["spec"], "Succeeded")
+    run.cluster.clock.sleep(run.later or 0.0)
+    assert run.settle() == [*A_MISSION, "Done"]
+
+
+@pytest.mark.parametrize("missions", [INTERVAL, SCHEDULE])
+def test_a_fleetspec_without_a_status_waits_for_its_next_mission_and_not_for_ever(
+    run: Reconciled, missions: dict[str, Any]
+) -> None:
+    wait_for_the_second_mission(run, missions)
+    asyncio.run(run.reconciler.forget(REF, run.delete()))
+    run.ask(missions=missions)
+    run.look()
+    started = run.status["nextMission"]
+    assert (run.phase, list(run.cluster.missions(REF))) == ("Waiting", [1])
+    run.cluster.clock.sleep(600.0)
+    run.restart()
+    run.look()
+    assert (run.phase, run.status["nextMission"]) == ("Waiting", started)
+    run.cluster.clock.sleep(run.later or 0.0)
+    assert run.settle() == [*A_MISSION, "Done"]
+
+
+@pytest.mark.parametrize("changes", [{}, {"suspend": True}])
+def test_a_mission_that_is_made_again_is_of_what_was_flown(run: Reconciled, changes: dict[str, Any]) -> None:
+    run.ask(missions={"count": 1})
+    run.settle()
+    flown = run.cluster.missions(REF)[1]["spec"]
+    run.cluster.remove(MISSION, ObjectRef("default", "plots-m0001"))
+    run.ask(missions={"count": 1, "seed": 7}, **changes)
+    assert run.settle() == ["Done"]
+    assert run.cluster.missions(REF)[1]["spec"] == flown
+    assert run.cluster.missions(REF)[1]["status"]["phase"] == "Succeeded"
 
 
 def test_useless_models_are_suspended_and_not_waited_for(run: Reconciled) -> None:

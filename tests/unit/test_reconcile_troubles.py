@@ -11,11 +11,12 @@ from fleet.contexts.files import write_cube
 from fleet.errors import StorageError, StorageFull, StorageUnavailable
 from fleet.missions.documents import Landing, MissionEvaluation
 from fleet.storage.local import LocalStorage
-from fleet_operator.cluster.errors import Forbidden
+from fleet_operator.cluster.errors import ClusterError, Forbidden, Invalid
 from fleet_operator.resources.refs import ObjectRef
 from fleet_operator.resources.views import NodeView, PodView
 from tests.context_builders import plot
 from tests.fleet_runs import FUNCTIONS
+from tests.kstatus import kstatus
 from tests.reconciled import PATHS, REF, Reconciled
 
 WORKFLOW, SENSOR = "plots-m0001-workflow-agent-2", "plots-m0001-sensor-agent-2"
@@ -149,6 +150,7 @@ def test_a_fleetspec_that_is_not_valid_is_refused_with_everything_that_is_wrong(
     run.look()
     assert (run.later, run.phase) == (None, "Refused")
     assert run.conditions()["Compiled"] == ("False", "Invalid")
+    assert (run.conditions()["Stalled"], kstatus(run.body)) == (("True", "Invalid"), "Failed")
     assert 'no context is called "nowhere"' in run.message("Compiled")
     assert run.storage_calls == ["read _claims/default.plots.json"]
     calls = len(run.cluster.calls)
@@ -177,7 +179,7 @@ def test_a_broken_context_is_told_and_looked_at_again(run: Reconciled) -> None:
 
 
 def test_a_context_at_an_address_is_copied_and_another_one_replaces_it(run: Reconciled) -> None:
-    other = run.folder / "elsewhere"
+    other = run.folder / "storage" / "elsewhere"
     write_cube(plot(), LocalStorage(other))
     context = {"name": "field", "uri": other.as_uri(), "use": ["Shaping", "Training", "Mission"]}
     run.ask(contexts=[context])
@@ -261,6 +263,39 @@ def test_pods_that_do_not_start_are_told_after_a_while_and_no_longer_when_they_d
     assert run.conditions()["Degraded"] == ("False", "NoTrouble")
 
 
+def test_an_image_that_cannot_be_got_for_minutes_stalls_the_fleet_until_it_is_there(run: Reconciled) -> None:
+    run.ask()
+    run.settle(until="Training")
+    trainer = pod("plots-train", **IMAGE, started_s=run.cluster.clock.now())
+    run.cluster.pod_views = {"plots-train": (trainer,)}
+    run.cluster.clock.sleep(200.0)
+    run.look()
+    assert (run.later, run.conditions()["Stalled"]) == (15.0, ("False", "GoesOn"))
+    run.cluster.clock.sleep(101.0)
+    run.look()
+    assert (run.later, run.conditions()["Stalled"]) == (15.0, ("True", "ImageMissing"))
+    assert kstatus(run.body) == "Failed"
+    run.cluster.start_job("plots-train")
+    run.look()
+    assert run.conditions()["Stalled"] == ("False", "GoesOn")
+    assert run.settle()[-1] == "Done"
+
+
+def test_a_fleet_of_which_a_part_is_at_work_is_not_stalled(run: Reconciled) -> None:
+    run.ask()
+    run.settle(until="Flying")
+    run.cluster.pod_views = {WORKFLOW: (pod(WORKFLOW, **IMAGE, started_s=run.cluster.clock.now()),)}
+    for agent in (1, 2):
+        run.cluster.start_job(f"plots-m0001-sensor-agent-{agent}")
+    run.cluster.start_job("plots-m0001-workflow-agent-1")
+    run.cluster.clock.sleep(301.0)
+    run.look()
+    assert (run.conditions()["Degraded"], run.conditions()["Stalled"][0]) == (("True", "ImageMissing"), "False")
+    run.cluster.end_job("plots-m0001-workflow-agent-1")
+    run.look()
+    assert run.conditions()["Stalled"] == ("True", "ImageMissing")
+
+
 def test_a_job_without_pods_says_why_kubernetes_makes_none(run: Reconciled) -> None:
     run.ask()
     run.settle(until="Training")
@@ -312,6 +347,55 @@ def test_aggregators_that_run_on_get_what_the_others_had(run: Reconciled) -> Non
     ((name, resources),) = run.cluster.resized
     assert name == f"{running}-abcde"
     assert resources == {"requests": main["resources"]["requests"], "limits": {"cpu": "4", "memory": "8192Mi"}}
+
+
+def test_aggregators_that_run_divide_what_those_that_find_no_node_do_not_use_yet(run: Reconciled) -> None:
+    run.ask()
+    run.settle(until="Retraining")
+    running, queueing = "plots-m0001-aggregator-1", ("plots-m0001-aggregator-2", "plots-m0001-aggregator-1-2")
+    main = run.cluster.job(running)["spec"]["template"]["spec"]["containers"][0]
+    run.cluster.start_job(running)
+    run.cluster.pod_views = {job: (pod(job, node="", waiting="Unschedulable"),) for job in queueing}
+    run.cluster.pod_views[running] = (
+        pod(running, phase="Running", node="hub", containers={"aggregator": main["resources"]}),
+    )
+    for _ in range(2):
+        run.look()
+    ((name, resources),) = run.cluster.resized
+    assert name == f"{running}-abcde"
+    assert resources == {"requests": main["resources"]["requests"], "limits": {"cpu": "4", "memory": "8192Mi"}}
+
+
+@pytest.mark.parametrize("error", [Forbidden("exceeded quota: small"), Invalid("cpu: must be less than 2")])
+def test_an_aggregator_that_may_not_be_resized_works_on_with_what_it_has(
+    run: Reconciled, error: ClusterError, caplog: pytest.LogCaptureFixture
+) -> None:
+    run.ask()
+    run.settle(until="Retraining")
+    running, ended = ("plots-m0001-aggregator-1", "plots-m0001-aggregator-1-2"), "plots-m0001-aggregator-2"
+    run.cluster.end_job(ended)
+    for job in running:
+        run.cluster.start_job(job)
+        main = run.cluster.job(job)["spec"]["template"]["spec"]["containers"][0]
+        has = {"aggregator": main["resources"]}
+        run.cluster.pod_views[job] = (pod(job, phase="Running", node="hub", containers=has),)
+    asked = []
+
+    def refuse(name: str) -> None:
+        if name.startswith("resize"):
+            asked.append(name)
+            raise error
+
+    run.cluster.before_call = refuse
+    for _ in range(2):
+        run.look()
+    assert set(asked) == {f"resize {job}-abcde" for job in running}
+    assert len(asked) == len(running)
+    assert [record.getMessage() for record in caplog.records] == [
+        f"default/plots: some aggregators of mission 1 keep what they have: {error}"
+    ]
+    assert run.conditions()["Reconciling"] == ("False", "Retraining")
+    assert run.settle()[-1] == "Done"
 
 
 def test_aggregators_go_to_the_machines_that_hold_their_data(run: Reconciled) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from fleet_operator.policy.status import Situation, fleet_status, story
-from tests.situations import AGENT, FILES, IMAGE, SITUATIONS
+from tests.situations import AGENT, BROKEN, FILES, IMAGE, INVALID, SITUATIONS
 
 GOALS = "accuracy 0.8 (at least 0.7: met), time_s 500 (at most 600: met)"
 
@@ -73,7 +73,16 @@ def test_trouble_is_told_once_and_its_end_too() -> None:
 
 def test_what_stalls_a_fleet_is_not_told_twice() -> None:
     assert life("shaping", "the image of the trainer is missing")[2:] == [f"Warning ImageMissing: {IMAGE.message}"]
-    assert life("shaping", "the trainer is broken")[2:] == ["Warning Stalled: the trainer failed: no context"]
+    assert life("shaping", "the trainer is broken")[2:] == [f"Warning Stalled: {BROKEN}"]
+    assert life("the FleetSpec is invalid") == [f"Warning Invalid: {INVALID.message}"]
+
+
+def test_what_stalls_a_fleet_later_than_it_was_first_told_is_told_then() -> None:
+    flying, invalid = "the FleetSpec is invalid in flight", "the FleetSpec is invalid"
+    assert life("flying the second mission", flying, invalid)[-2:] == [
+        f"Warning Invalid: {INVALID.message}",
+        f"Warning Stalled: {INVALID.message}",
+    ]
 
 
 def test_suspend_and_resume() -> None:

@@ -79,9 +79,12 @@ def test_a_patience_that_is_no_number_is_refused(monkeypatch: pytest.MonkeyPatch
     [
         ("webhdfs://fleet@nn:9870/fleet", 3, "webhdfs://fleet@nn:9870/fleet?replication=3"),
         ("webhdfs://fleet@nn:9870/fleet", 2, "webhdfs://fleet@nn:9870/fleet"),
+        ("webhdfs://fleet@nn:9870/fleet", 1, "webhdfs://fleet@nn:9870/fleet"),
         ("webhdfs://fleet@nn:9870/fleet?replication=4", 3, "webhdfs://fleet@nn:9870/fleet?replication=4"),
+        ("webhdfs://fleet@nn:9870/fleet?replication=3", 4, "webhdfs://fleet@nn:9870/fleet?replication=4"),
+        ("webhdfs://fleet@nn:9870/fleet?replication=1", 1, "webhdfs://fleet@nn:9870/fleet?replication=1"),
         ("file:///var/fleet", 3, "file:///var/fleet"),
     ],
 )
-def test_the_number_of_copies_goes_into_the_address(uri: str, copies: int, expected: str) -> None:
+def test_an_address_is_given_the_larger_number_of_copies(uri: str, copies: int, expected: str) -> None:
     assert with_copies(uri, copies) == expected

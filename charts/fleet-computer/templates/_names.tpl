@@ -14,8 +14,10 @@
 {{- end -}}
 {{- end }}
 
-{{/* ClusterRoles are not in a namespace: two releases of one name in two namespaces need two of them. */}}
+{{/* What is in no namespace: two releases of one name in two namespaces need two of them. */}}
 {{- define "fleet.clusterRole" -}}{{ .Release.Namespace }}-{{ .Release.Name }}-operator{{- end }}
+
+{{- define "fleet.admission" -}}{{ .Release.Namespace }}-{{ .Release.Name }}-storage{{- end }}
 
 {{- define "fleet.selector" -}}
 app.kubernetes.io/name: fleet-computer
@@ -46,7 +48,7 @@ app.kubernetes.io/part-of: fleet-computer
 
 {{- define "fleet.storageUri" -}}
 {{- if eq .Values.storage.kind "hdfs" -}}
-webhdfs://{{ .Values.hdfs.user }}@{{ include "fleet.namenodeHost" . }}:9870{{ .Values.hdfs.root }}
+webhdfs://{{ .Values.hdfs.user }}@{{ include "fleet.namenodeHost" . }}:9870{{ .Values.hdfs.root }}?replication={{ .Values.hdfs.replication }}
 {{- else if eq .Values.storage.kind "existing" -}}
 {{ .Values.storage.existing }}
 {{- else -}}

@@ -47,6 +47,12 @@ class KubernetesLeases:
         self._transport = transport
         self._ref = ref
         self._now = now
+        self._uid = ""
+
+    @property
+    def uid(self) -> str:
+        """Of the Lease, as it was last read or written: it tells one installation from all others; "" before that."""
+        return self._uid
 
     async def read(self) -> LeaseRecord:
         """The Lease; an empty record when there is none.
@@ -55,7 +61,7 @@ class KubernetesLeases:
             ClusterError: the API server does not say.
         """
         try:
-            return _record(await self._send("get", LEASE.path(self._ref.namespace, self._ref.name)))
+            return self._record(await self._send("get", LEASE.path(self._ref.namespace, self._ref.name)))
         except NotFound:
             return LeaseRecord()
 
@@ -69,8 +75,8 @@ class KubernetesLeases:
         record = record if record.acquired else replace(record, acquired=self._stamp())
         body = self._body(record)
         if not record.version:
-            return _record(await self._send("create", LEASE.path(self._ref.namespace), body))
-        return _record(await self._send("update", LEASE.path(self._ref.namespace, self._ref.name), body))
+            return self._record(await self._send("create", LEASE.path(self._ref.namespace), body))
+        return self._record(await self._send("update", LEASE.path(self._ref.namespace, self._ref.name), body))
 
     async def _send(self, verb: str, path: str, body: Manifest | None = None) -> dict[str, Any]:
         return await self._transport.send(Call(verb, path, body, tries=1, timeout_s=TIMEOUT_S, urgent=True))
@@ -87,6 +93,10 @@ class KubernetesLeases:
             "renewTime": self._stamp(),
         }
         return {"apiVersion": LEASE.api_version, "kind": LEASE.kind, "metadata": metadata, "spec": spec}
+
+    def _record(self, body: Manifest) -> LeaseRecord:
+        self._uid = body["metadata"].get("uid", "")
+        return _record(body)
 
     def _stamp(self) -> str:
         return datetime.fromtimestamp(self._now(), UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")

@@ -47,7 +47,10 @@ class Bundle:
         keys: dict[str, str] = {}
         for path in sorted(self.files):
             key = key_of(path)
-            if not re.fullmatch(r"[-._A-Za-z0-9]{1,253}", key) or key.startswith(".."):
+            # Every part is checked too: `/a` and `a/../../b` have keys like any other path.
+            leads_out = not all(re.fullmatch(r"[-._A-Za-z0-9]+", part) for part in path.split("/"))
+            leads_out |= not {".", ".."}.isdisjoint(path.split("/"))
+            if leads_out or not re.fullmatch(r"[-._A-Za-z0-9]{1,253}", key) or key.startswith(".."):
                 hint = "rename it, or build an image with the functions"
                 raise SpecError(
                     [Problem("spec.map.function", f"a ConfigMap cannot carry a file called {path!r}", hint)]

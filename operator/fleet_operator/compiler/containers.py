@@ -49,6 +49,7 @@ def container(target: Target, program: Program) -> Manifest:
         **program.environment,
         **_server_variables(program.port),
         **_process_variables(program.resources, program.workers),
+        "PYTHONSAFEPATH": "1",
     }
     if target.bundle:
         variables["PYTHONPATH"] = names.FUNCTIONS_FOLDER
@@ -58,11 +59,11 @@ def container(target: Target, program: Program) -> Manifest:
         "imagePullPolicy": target.settings.pull_policy,
         "command": list(program.command),
     }
-    if target.bundle:
-        result["workingDir"] = names.FUNCTIONS_FOLDER
+    # Python looks for modules in the folder where it starts: nothing that runs in a pod may write there.
+    result["workingDir"] = names.FUNCTIONS_FOLDER if target.bundle else "/"
     result["env"] = _env(variables)
     _finish(result, program.resources, program.port)
-    result["volumeMounts"] = mounts(target, functions=True, storage=program.storage)
+    result["volumeMounts"] = mounts(target, program.name, functions=True, storage=program.storage)
     return result
 
 
@@ -124,7 +125,7 @@ def _image_container(target: Target, function: UserFunction, resources: Resource
         result["command"] = list(function.spec.command)
     result["env"] = _env({**_server_variables(function.port), **_process_variables(resources, 1)})
     _finish(result, resources, function.port)
-    result["volumeMounts"] = mounts(target, functions=False, storage=False)
+    result["volumeMounts"] = mounts(target, function.name, functions=False, storage=False)
     return result
 
 

@@ -21,13 +21,18 @@ WORKFLOW = _resources(cpu=("100m", "1"), memory=("128Mi", "512Mi"))
 FUNCTION = _resources(cpu=("100m", "1"), memory=("128Mi", "512Mi"))
 TRAINER = _resources(cpu=("1", "2"), memory=("512Mi", "1536Mi"))
 AGGREGATOR = _resources(cpu=("250m", "1"), memory=("160Mi", "512Mi"))
-SMALLEST_AGGREGATOR = Amounts(cpu="50m", memory="160Mi")
-"""What a share is raised to: an interpreter with numpy and the records of one mission."""
+SMALLEST_AGGREGATOR = _resources(cpu=("50m", "50m"), memory=("160Mi", "192Mi"))
+"""What a share is raised to: an interpreter with numpy and the records of one mission.
+
+Never are all requests the limits: such a pod is of another quality of service, which no resize may change.
+"""
 
 PERMANENT_EXIT_CODES = (int(ExitCode.USAGE), int(ExitCode.PERMANENT))
 """The same input fails again, so the Job fails at once."""
 GRACE_PERIOD_S = 10
 """Between SIGTERM and SIGKILL. No preStop is needed: what a role has said is durable, and it goes on from there."""
+AGGREGATOR_GRACE_PERIOD_S = 1
+"""An aggregator has nothing to say at its end, and one of a higher level waits for its place."""
 PROBE_PERIOD_S = 1
 PROBE_TIMEOUT_S = 2
 PROBE_FAILURES = 120

@@ -131,6 +131,10 @@ def _retries(target: Target, identity: Identity) -> int:
     return wanted if identity.level == REAL_TIME_LEVEL else min(wanted, defaults.LEARNING_RETRIES)
 
 
+def _grace_period_s(role: Role) -> int:
+    return defaults.AGGREGATOR_GRACE_PERIOD_S if role is Role.AGGREGATOR else defaults.GRACE_PERIOD_S
+
+
 def _pod(target: Target, identity: Identity, main: Manifest, sidecars: Sequence[Manifest]) -> Manifest:
     user = target.settings.user_id
     pod: Manifest = {
@@ -138,7 +142,7 @@ def _pod(target: Target, identity: Identity, main: Manifest, sidecars: Sequence[
         "priorityClassName": names.priority_class(identity.level),
         "automountServiceAccountToken": False,
         "enableServiceLinks": False,
-        "terminationGracePeriodSeconds": defaults.GRACE_PERIOD_S,
+        "terminationGracePeriodSeconds": _grace_period_s(identity.role),
         "securityContext": {
             "runAsNonRoot": True,
             "runAsUser": user,
@@ -155,5 +159,5 @@ def _pod(target: Target, identity: Identity, main: Manifest, sidecars: Sequence[
     if sidecars:
         pod["initContainers"] = list(sidecars)
     pod["containers"] = [main]
-    pod["volumes"] = volumes(target)
+    pod["volumes"] = volumes(target, [names.scratch_volume(each["name"]) for each in (main, *sidecars)])
     return pod

@@ -29,11 +29,11 @@ def settled(given: Resources, default: Resources, path: str) -> Resources:
     )
 
 
-def of_share(share: Share, smallest: Amounts) -> Resources:
+def of_share(share: Share, smallest: Resources) -> Resources:
     """A share as resources, never below what an aggregator needs to start: below that it would only die."""
     return Resources(
-        requests=_at_least(share.request, smallest),
-        limits=_at_least(share.limit, smallest),
+        requests=_at_least(share.request, smallest.requests),
+        limits=_at_least(share.limit, smallest.limits),
     )
 
 

@@ -27,6 +27,7 @@ class Settings:
         pull_policy: When nodes fetch images.
         storage_uri: The platform's own storage, for fleets that name none.
         storage_claim: PersistentVolumeClaim that is mounted in every pod where the storage is a folder; "" for none.
+        storage_hosts: Hosts that FleetSpecs may name beside that of the platform's own storage; none means any.
         storage_ports: Ports on which pods reach the storage, as far as the address of the storage does not say.
         network_policies: Whether each fleet gets NetworkPolicies.
         lost_node_s: How long a pod waits for its machine when that is gone, before another takes its place.
@@ -39,6 +40,7 @@ class Settings:
     pull_policy: str = "IfNotPresent"
     storage_uri: str = "webhdfs://fleet@fleet-computer-namenode.fleet-system:9870/fleet"
     storage_claim: str = ""
+    storage_hosts: tuple[str, ...] = ()
     storage_ports: tuple[int, ...] = (9870, 9864)
     network_policies: bool = True
     lost_node_s: int = 30

@@ -52,7 +52,7 @@ class Target:
 
     @property
     def storage(self) -> str:
-        """Address of the storage that the roles are given; with the copies that the FleetSpec asks for."""
+        """Address of the storage for the roles; with the copies that the FleetSpec or the address itself asks for."""
         address = self.storage_uri or self.fleet.storage.uri or self.settings.storage_uri
         return with_copies(address, self.fleet.storage.replication)
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import PurePosixPath
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import unquote, urlsplit
 
 from fleet.errors import Problem, SpecError
 from fleet_operator.compiler.target import Target
@@ -13,13 +14,16 @@ from fleet_operator.resources import names
 Manifest = dict[str, Any]
 
 
-def volumes(target: Target) -> list[Manifest]:
-    """Volumes of every pod of a fleet.
+def volumes(target: Target, scratch: Sequence[str]) -> list[Manifest]:
+    """Volumes of a pod of a fleet.
+
+    Args:
+        scratch: Names of its containers' scratch volumes.
 
     Raises:
         SpecError: the FleetSpec names a folder as its storage that no volume holds.
     """
-    found: list[Manifest] = [{"name": names.SCRATCH_VOLUME, "emptyDir": {}}]
+    found: list[Manifest] = [{"name": name, "emptyDir": {}} for name in scratch]
     if target.bundle:
         source = {"name": names.functions(target.spec.name, target.bundle.digest), "items": target.bundle.items()}
         found.append({"name": names.FUNCTIONS_VOLUME, "configMap": source})
@@ -29,9 +33,12 @@ def volumes(target: Target) -> list[Manifest]:
     return found
 
 
-def mounts(target: Target, functions: bool, storage: bool) -> list[Manifest]:
-    """What a container sees of them: scratch, and what it needs of the others."""
-    found: list[Manifest] = [{"name": names.SCRATCH_VOLUME, "mountPath": names.SCRATCH_FOLDER}]
+def mounts(target: Target, container: str, functions: bool, storage: bool) -> list[Manifest]:
+    """What a container sees of them: a scratch folder of its own, and what it needs of the others.
+
+    Containers of one pod have one user: in a folder that they share, a user's image could put what others run.
+    """
+    found: list[Manifest] = [{"name": names.scratch_volume(container), "mountPath": names.SCRATCH_FOLDER}]
     if functions and target.bundle:
         found.append({"name": names.FUNCTIONS_VOLUME, "mountPath": names.FUNCTIONS_FOLDER, "readOnly": True})
     folder = storage_folder(target) if storage else ""
@@ -51,7 +58,8 @@ def storage_folder(target: Target) -> str:
     wanted, mounted = urlsplit(target.storage), urlsplit(target.settings.storage_uri)
     if wanted.scheme != "file":
         return ""
-    if not PurePosixPath(wanted.path).is_relative_to(mounted.path):
+    folder = PurePosixPath(unquote(wanted.path))
+    if ".." in folder.parts or not folder.is_relative_to(unquote(mounted.path)):
         hint = f"leave it out, or write a folder below file://{mounted.path}"
         raise SpecError([Problem("spec.storage.uri", f"no volume holds the folder {wanted.path}", hint)])
-    return mounted.path
+    return unquote(mounted.path)

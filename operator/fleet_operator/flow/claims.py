@@ -6,8 +6,6 @@ the claim is an object in the platform's storage, and the operator settles it wh
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from pydantic import Field, ValidationError
 
 from fleet.errors import ObjectNotFound
@@ -15,6 +13,9 @@ from fleet.spec.base import Model
 from fleet.spec.platform import DeletionPolicy
 from fleet.storage.layout import CLAIMS, FleetPaths
 from fleet.storage.port import Storage
+
+LOCAL = "local"
+"""The installation of an operator that shares its storage with no other."""
 
 
 class Claim(Model):
@@ -26,6 +27,11 @@ class Claim(Model):
     on_delete: DeletionPolicy
     uri: str = Field(description="Storage that has the folder.")
     root: str = Field(description="The folder.")
+    installation: str = Field(
+        default="",
+        description="Of the operator that the FleetSpec belongs to: clusters may share a storage. Empty in claims of "
+        "version 0.1.0, of which only a FleetSpec with the same uid can say whose they are.",
+    )
 
     @property
     def paths(self) -> FleetPaths:
@@ -36,9 +42,10 @@ class Claim(Model):
 def read_claim(storage: Storage, paths: FleetPaths) -> Claim | None:
     """The claim to a fleet's folder; None when there is none. Raises StorageError."""
     try:
-        return _parsed(storage.read(paths.claim))
+        claim = _parsed(storage.read(paths.claim))
     except ObjectNotFound:
         return None
+    return claim if claim is not None and claim.paths == paths else None
 
 
 def write_claim(storage: Storage, claim: Claim) -> None:
@@ -54,18 +61,9 @@ def all_claims(storage: Storage) -> tuple[Claim, ...]:
             claim = _parsed(storage.read(entry.path))
         except ObjectNotFound:
             continue
-        if claim is not None:
+        if claim is not None and claim.paths.claim == entry.path:  # user code can write claims to others' data
             found.append(claim)
     return tuple(found)
-
-
-def abandoned(claims: tuple[Claim, ...], alive: Mapping[tuple[str, str], str]) -> tuple[Claim, ...]:
-    """Claims whose FleetSpec is gone.
-
-    Args:
-        alive: The uid of each FleetSpec by namespace and name.
-    """
-    return tuple(claim for claim in claims if alive.get((claim.namespace, claim.fleet)) != claim.uid)
 
 
 def settle(claim: Claim, platform: Storage, data: Storage) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 from fleet.contexts.files import join
@@ -15,24 +16,26 @@ from fleet.spec.functions import ContextSpec
 from fleet.spec.resources import FleetSpec
 from fleet.storage.layout import FleetPaths
 from fleet.storage.local import LocalStorage
-from fleet.storage.open import open_storage
 from fleet.storage.port import Storage
 
 _FILES = (MANIFEST, FEATURES, PICTURES)
 
 
-def copy_contexts(spec: FleetSpec, folder: Path, storage: Storage, paths: FleetPaths) -> None:
+def copy_contexts(
+    spec: FleetSpec, folder: Path, storage: Storage, paths: FleetPaths, opened: Callable[[str], Storage]
+) -> None:
     """Copy every context of a FleetSpec into its storage, unless what is there came from the very same one.
 
     Args:
         folder: Where relative addresses start.
+        opened: Opens the storage of a context that has an address.
 
     Raises:
         ContextError: one is not there, or is not a good one.
         StorageError: a storage refuses.
     """
     for context in spec.spec.contexts:
-        source, digest = _source(context, folder)
+        source, digest = _source(context, folder, opened)
         mark = json.dumps({"uri": context.uri, "digest": digest}).encode()
         origin = paths.origin(context.name)
         known = _read(storage, origin)
@@ -46,10 +49,10 @@ def copy_contexts(spec: FleetSpec, folder: Path, storage: Storage, paths: FleetP
         storage.write(origin, mark)
 
 
-def _source(context: ContextSpec, folder: Path) -> tuple[Storage, str]:
+def _source(context: ContextSpec, folder: Path, opened: Callable[[str], Storage]) -> tuple[Storage, str]:
     """Where a context is, and what tells it from others: the content beside a FleetSpec, the sizes in a storage."""
     if "://" in context.uri:
-        return _at_address(context)
+        return _at_address(context, opened)
     place = folder / context.uri
     if not place.is_dir():
         raise ContextError(f"context {context.name}: there is no folder {context.uri} beside the FleetSpec")
@@ -62,9 +65,9 @@ def _source(context: ContextSpec, folder: Path) -> tuple[Storage, str]:
     return LocalStorage(place), hasher.hexdigest()
 
 
-def _at_address(context: ContextSpec) -> tuple[Storage, str]:
+def _at_address(context: ContextSpec, opened: Callable[[str], Storage]) -> tuple[Storage, str]:
     try:
-        storage = open_storage(context.uri)
+        storage = opened(context.uri)
     except SpecError as error:
         raise ContextError(f"context {context.name}: {error}") from error
     if not storage.exists(MANIFEST):

@@ -10,16 +10,17 @@ from __future__ import annotations
 
 import base64
 import binascii
+import errno
 import hashlib
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from fleet.contexts.manifest import MANIFEST
 from fleet.contexts.tables import FEATURES, PICTURES
-from fleet.errors import Problem, SpecError
+from fleet.errors import Problem, SpecError, StorageUnavailable
 from fleet.spec.base import GROUP
 from fleet.spec.resources import FleetSpec
 from fleet_operator.flow.sources import read_bundle
@@ -29,7 +30,9 @@ Manifest = dict[str, Any]
 LARGEST_BYTES = 900 * 1024
 """A ConfigMap holds 1 MiB with everything around it (Kubernetes, "ConfigMaps": motivation)."""
 SET_ANNOTATION = f"{GROUP}/set"
-_PIECE = re.compile(r"(?P<path>.+)#(?P<number>\d+)/(?P<count>\d+)")
+_PIECE = re.compile(r"(?P<path>.+)#(?P<number>[0-9]{1,6})/(?P<count>[0-9]{1,6})")
+_LONGEST_NAME_BYTES, _LONGEST_PATH_BYTES = 255, 1024
+_NO_ROOM = {errno.ENOSPC, errno.EDQUOT}
 
 
 def collect(spec: FleetSpec, folder: Path) -> dict[str, bytes]:
@@ -54,14 +57,15 @@ def collect(spec: FleetSpec, folder: Path) -> dict[str, bytes]:
 
 def outside(spec: FleetSpec) -> list[Problem]:
     """Names of the FleetSpec that lead out of its folder: in a cluster there is nothing around it."""
-    named = {f"spec.contexts[{index}].uri": each.uri for index, each in enumerate(spec.spec.contexts)}
+    either = {f"spec.contexts[{index}].uri": each.uri for index, each in enumerate(spec.spec.contexts)}
+    either["spec.sa.pretrained"] = spec.spec.sa.pretrained or ""
+    named = {place: path for place, path in either.items() if "://" not in path}
     named["spec.agents.energyProfile"] = _file_of_profile(spec.spec.agents.energy_profile)
     named["spec.workflow.edgeProfile"] = _file_of_profile(spec.spec.workflow.edge_profile)
-    named["spec.sa.pretrained"] = spec.spec.sa.pretrained or ""
     return [
         Problem(place, f"{path} is not below the folder of the FleetSpec", "copy it there, or write a storage address")
         for place, path in named.items()
-        if path and "://" not in path and not _is_inside(path)
+        if path and not _is_inside(path)
     ]
 
 
@@ -100,24 +104,37 @@ def from_config_maps(manifests: Sequence[Mapping[str, Any]]) -> dict[str, bytes]
                 cut.setdefault(piece["path"], {})[int(piece["number"])] = data
                 counts[piece["path"]] = int(piece["count"])
     for path, found in cut.items():
-        missing = [number for number in range(1, counts[path] + 1) if number not in found]
-        if missing:
-            text = f"{len(missing)} of its {counts[path]} pieces are not there"
+        there = sorted(number for number in found if 0 < number <= counts[path])
+        if len(there) < counts[path]:  # counted, not listed: whoever writes the path chooses the number
+            text = f"{counts[path] - len(there)} of its {counts[path]} pieces are not there"
             problems.append(Problem(path, text, "apply all ConfigMaps of `fleet files`"))
         else:
-            whole[path] = b"".join(found[number] for number in range(1, counts[path] + 1))
-    problems += [Problem(path, "leads out of the folder of the FleetSpec") for path in whole if not _is_inside(path)]
+            whole[path] = b"".join(found[number] for number in there)
+    problems += _unplaceable(whole)
     if problems:
         raise SpecError(problems)
     return whole
 
 
 def place(files: Mapping[str, bytes], folder: Path) -> None:
-    """Write files into a folder."""
+    """Write files into a folder.
+
+    Raises:
+        SpecError: a path leads out of the folder, or no file can have it; nothing is written outside.
+        StorageUnavailable: this machine's own disk is full.
+    """
+    problems = _unplaceable(files)
+    if problems:
+        raise SpecError(problems)
     for path, data in files.items():
         file = folder / path
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(data)
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(data)
+        except OSError as error:
+            if error.errno in _NO_ROOM:
+                raise StorageUnavailable(f"no room for the files of the fleet in {folder}: {error.strerror}") from error
+            raise SpecError([Problem(path, f"cannot be written as a file: {error.strerror}", "rename it")]) from error
 
 
 def version_of(manifests: Sequence[Mapping[str, Any]]) -> str:
@@ -129,9 +146,9 @@ def version_of(manifests: Sequence[Mapping[str, Any]]) -> str:
 def _entries(manifest: Mapping[str, Any], where: str, problems: list[Problem]) -> list[tuple[str, bytes]]:
     """Paths and contents of one ConfigMap."""
     try:
-        paths = json.loads(manifest["metadata"].get("annotations", {}).get(names.PATHS_ANNOTATION, "{}"))
+        paths = json.loads((manifest["metadata"].get("annotations") or {}).get(names.PATHS_ANNOTATION, "{}"))
         binary = {key: base64.b64decode(value) for key, value in (manifest.get("binaryData") or {}).items()}
-    except (ValueError, binascii.Error):
+    except (ValueError, binascii.Error, RecursionError):
         paths, binary = None, {}
     if not isinstance(paths, dict) or not all(isinstance(path, str) for path in paths.values()):
         problems.append(Problem(where, f"its annotation {names.PATHS_ANNOTATION} is not JSON from keys to paths"))
@@ -152,7 +169,7 @@ def _pieces(path: str, data: bytes) -> list[tuple[str, bytes]]:
 
 def _newest(manifests: Sequence[Mapping[str, Any]], problems: list[Problem]) -> list[Mapping[str, Any]]:
     """Those of the set that the first by name belongs to, and those of none."""
-    found = [(each["metadata"].get("annotations", {}).get(SET_ANNOTATION, ""), each) for each in manifests]
+    found = [((each["metadata"].get("annotations") or {}).get(SET_ANNOTATION, ""), each) for each in manifests]
     found.sort(key=lambda each: str(each[1]["metadata"]["name"]))
     first = next((mark for mark, _ in found if mark), "")
     there = sum(mark == first for mark, _ in found)
@@ -203,5 +220,28 @@ def _file_of_profile(reference: str) -> str:
     return path if mark else ""
 
 
+def _unplaceable(paths: Collection[str]) -> list[Problem]:
+    """Paths that lead out of their folder, that no file can have, or that use another file as a folder."""
+    problems = [Problem(path, "leads out of the folder of the FleetSpec") for path in paths if not _is_inside(path)]
+    for path in paths:
+        parents = {parent.as_posix() for parent in PurePosixPath(path).parents}
+        taken = next((other for other in parents if other in paths), None)
+        if not _is_name(path):
+            problems.append(Problem(repr(path[:80]), "is no name that a file can have", "rename it"))
+        elif taken is not None:
+            problems.append(Problem(path, f"{taken} is a file, and not the folder of {path}", "rename one of them"))
+    return problems
+
+
 def _is_inside(path: str) -> bool:
     return not PurePosixPath(path).is_absolute() and ".." not in PurePosixPath(path).parts
+
+
+def _is_name(path: str) -> bool:
+    """Whether a file can have this path: it is what it says (`a//b` and `./b` are b), and not too long."""
+    parts = path.removeprefix("/").split("/")
+    return (
+        path.isprintable()  # neither NUL nor half a character
+        and all(part not in ("", ".") and len(part.encode()) <= _LONGEST_NAME_BYTES for part in parts)
+        and len(path.encode()) <= _LONGEST_PATH_BYTES
+    )

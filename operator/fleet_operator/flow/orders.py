@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fleet.aggregation.latest import latest_models
@@ -18,7 +18,9 @@ from fleet.usefulness.weights import first_weights, usefulness
 from fleet_operator.compiler.target import AggregatorTerms
 from fleet_operator.policy.level import UNSEEN_LEVEL, levels
 from fleet_operator.policy.pruning import pruned
-from fleet_operator.policy.shares import Capacity, shares
+from fleet_operator.policy.shares import Capacity, shares, shares_of_the_rest
+from fleet_operator.resources.roles import LOWEST_LEVEL
+from fleet_operator.resources.views import NodeView
 
 
 def write_order(storage: Storage, paths: FleetPaths, fleet: Fleet, number: int, subsets: Collection[str]) -> None:
@@ -70,6 +72,17 @@ class Room:
         """The room of a single machine."""
         return Room(machine, machine)
 
+    @staticmethod
+    def of(nodes: Iterable[NodeView]) -> Room:
+        """The room of a cluster: that of all machines that are ready and take pods."""
+        able = [Capacity(node.cores, node.memory_bytes) for node in nodes if node.ready and node.schedulable]
+        return Room(
+            Capacity(sum(each.cores for each in able), sum(each.memory_bytes for each in able)),
+            Capacity(
+                max((each.cores for each in able), default=0.0), max((each.memory_bytes for each in able), default=0.0)
+            ),
+        )
+
 
 def aggregator_terms(
     fleet: Fleet, history: Mapping[int, WeightsDocument], number: int, room: Room, keys: Sequence[str]
@@ -87,6 +100,32 @@ def aggregator_terms(
     chosen = {key: 0 if key in gone else by_model[key] for key in keys}
     divided = shares(chosen, total_for(fleet, room), room.largest)
     return tuple(AggregatorTerms(key, chosen[key], divided.get(key)) for key in keys)
+
+
+def in_waves(terms: Iterable[AggregatorTerms]) -> tuple[tuple[AggregatorTerms, ...], ...]:
+    """Aggregators in the order in which their Jobs are made: those that are suspended, then level by level.
+
+    The scheduler places what it is given first, and ends it again for what comes later and has a higher priority: that
+    costs the higher one time, and the lower one all that it has done.
+    """
+    by_level: dict[int, list[AggregatorTerms]] = {}
+    for each in terms:
+        by_level.setdefault(each.level, []).append(each)
+    order = sorted(by_level, key=lambda level: (level > LOWEST_LEVEL, -level))
+    return tuple(tuple(by_level[level]) for level in order)
+
+
+def terms_of_the_rest(
+    fleet: Fleet, terms: Sequence[AggregatorTerms], absent: Collection[str], room: Room
+) -> tuple[AggregatorTerms, ...]:
+    """Terms of the aggregators that are at work, when these divide among them what there is.
+
+    Args:
+        absent: Subsets whose aggregators use nothing: they are over, or no machine has room for them yet.
+    """
+    by_subset = {each.subset: each.level for each in terms}
+    divided = shares_of_the_rest(by_subset, absent, total_for(fleet, room), room.largest)
+    return tuple(replace(each, share=divided[each.subset]) for each in terms if each.subset in divided)
 
 
 def total_for(fleet: Fleet, room: Room) -> Capacity:

@@ -8,7 +8,7 @@ import json
 from dataclasses import dataclass
 from typing import Any
 
-from fleet.errors import ObjectNotFound, StorageError
+from fleet.errors import ObjectNotFound, SpecError, StorageError
 from fleet.spec.base import GROUP, Metadata
 from fleet.spec.resources import Fleet, FleetSpec
 from fleet.storage.layout import FleetPaths
@@ -66,23 +66,39 @@ def write_flown(storage: Storage, paths: FleetPaths, flown: Flown, before: Fleet
 
 
 def read_spec(storage: Storage, paths: FleetPaths) -> FleetSpec | None:
-    """The FleetSpec in storage; None when there is none. Raises StorageError, also when it cannot be read."""
+    """The FleetSpec in storage; None when there is none.
+
+    User code can write there, so what it says of its own name counts for nothing: it is that of its folder.
+
+    Raises:
+        StorageError: it cannot be read.
+    """
     try:
-        return FleetSpec.model_validate(json.loads(storage.read(paths.fleet_spec)))
+        spec = FleetSpec.model_validate(json.loads(storage.read(paths.fleet_spec)))
     except ObjectNotFound:
         return None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         told = " ".join(str(error).split())[:200]
         raise StorageError(f"{paths.fleet_spec} in {storage.uri} is no FleetSpec of this version: {told}") from error
+    metadata = spec.metadata.model_copy(update={"name": paths.fleet, "namespace": paths.namespace})
+    return spec.model_copy(update={"metadata": metadata})
 
 
 def read_functions(storage: Storage, paths: FleetPaths, spec: FleetSpec) -> Bundle | None:
-    """The functions that the FleetSpec in storage was kept with; None when they are not there (any more)."""
+    """The functions that the FleetSpec in storage was kept with; None when they are not there (any more).
+
+    Raises:
+        StorageError: they cannot be read, or no ConfigMap could carry them.
+    """
     try:
         document = json.loads(storage.read(paths.functions))
+        bundle = Bundle({path: base64.b64decode(data) for path, data in document["files"].items()})
     except ObjectNotFound:
         return None
-    bundle = Bundle({path: base64.b64decode(data) for path, data in document["files"].items()})
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError, SpecError) as error:
+        told = " ".join(str(error).split())[:200]
+        where = f"{paths.functions} in {storage.uri}"
+        raise StorageError(f"{where} is damaged: {told}; restore it, or delete it") from error
     return bundle if bundle.digest == functions_of(spec) else None
 
 

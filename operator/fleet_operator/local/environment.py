@@ -64,7 +64,7 @@ class Place:
     def folder(self, container: Container) -> Path:
         """The working folder of a container."""
         wanted = self.localised(container.working_folder, container) if container.working_folder else ""
-        return Path(wanted) if wanted else next(iter(self.folders.values()), Path.cwd())
+        return Path(wanted) if wanted else next((self.folders[name] for name in container.mounts.values()), Path.cwd())
 
 
 def check_command(container: Container) -> None:

@@ -22,7 +22,19 @@ from pydantic import ValidationError
 
 from fleet.missions.documents import MissionEvaluation
 from fleet.spec.resources import FleetStatus, MissionStatus
-from fleet_operator.policy.lifecycle import Failed, Fly, Order, Prepare, Progress, Step, Train, Wait, phase
+from fleet_operator.policy.lifecycle import (
+    Failed,
+    Fly,
+    Order,
+    Prepare,
+    Progress,
+    Retrain,
+    Step,
+    Train,
+    Wait,
+    Weigh,
+    phase,
+)
 from fleet_operator.policy.sentences import evaluation_text, goals_count, share, step_text
 from fleet_operator.policy.story import story
 from fleet_operator.policy.times import rfc3339
@@ -44,6 +56,8 @@ REFUSED, PENDING = "Refused", "Pending"
 """Phases of a fleet whose FleetSpec cannot be compiled, and of one for which no step was ever decided."""
 _NOT_OBSERVED = unknown("NotObserved", "what the fleet has reached could not be read yet")
 _SHOWN_TROUBLES = 3
+_WORK = Prepare | Train | Order | Fly | Retrain | Weigh
+"""Steps at which something is under way, which a FleetSpec that is refused meanwhile does not stop."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +67,8 @@ class Trouble:
     Args:
         reason: One CamelCase word that a program can match.
         message: What it is, and what to do about it.
-        lasting: It ends only when the user does something, and all else waits for it.
+        lasting: It ends only when somebody does something. A refusal that lasts stops a fleet when nothing is under way
+            any more; any other trouble that lasts must be one that all else waits for.
     """
 
     reason: str
@@ -175,11 +190,10 @@ def _carried(situation: Situation, old: FleetStatus) -> Findings:
     """What was said before; of another generation, that is no word on whether it compiles and is ready."""
     known = {FleetCondition(kind): finding_of(each) for kind, each in by_type(old.conditions).items()}
     findings = {kind: known.get(kind, _NOT_OBSERVED) for kind in FleetCondition}
-    if old.observed_generation != situation.generation:
-        of_the_spec = (FleetCondition.COMPILED, FleetCondition.READY, FleetCondition.STALLED)
+    of_the_spec = (FleetCondition.COMPILED, FleetCondition.READY, FleetCondition.STALLED)
+    is_refused_no_more = situation.refusal is None and old.phase == REFUSED
+    if old.observed_generation != situation.generation or is_refused_no_more:
         findings |= dict.fromkeys(of_the_spec, _NOT_OBSERVED)
-    elif situation.refusal is None and old.phase == REFUSED:
-        findings |= dict.fromkeys((FleetCondition.COMPILED, FleetCondition.READY), _NOT_OBSERVED)
     return findings
 
 
@@ -196,10 +210,13 @@ def _verdict(situation: Situation, findings: Findings) -> Findings:
     """Ready, Reconciling and Stalled, which must fit together: see the rules at the top."""
     stalled, ready = findings[FleetCondition.STALLED], findings[FleetCondition.READY]
     refused = situation.refusal
-    blockers = [each for each in (refused, *situation.troubles) if each is not None and each.lasting]
+    under_way = isinstance(situation.step, _WORK)
+    blockers = [trouble for trouble in situation.troubles if trouble.lasting]
+    if refused is not None and refused.lasting and not under_way:
+        blockers.insert(0, refused)
     if blockers:
         stalled = yes(blockers[0].reason, blockers[0].message)
-    elif refused is not None:
+    elif refused is not None and situation.step is None:
         stalled = no("GoesOn")
     if stalled.is_true:
         ready = no(stalled.reason, stalled.message)

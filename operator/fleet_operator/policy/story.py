@@ -22,7 +22,8 @@ _PHASES = {"Training", "Retraining", "Weighing", "Waiting", "Suspended", "Done"}
 def story(before: FleetStatus | None, after: FleetStatus) -> tuple[Told, ...]:
     """The events that a change of status is worth, in the order in which things happened."""
     old = before or FleetStatus()
-    return (*_reached(old, after), *_ended(old, after), *_begun(old, after), *_wrong(old, after))
+    told = (*_reached(old, after), *_ended(old, after), *_begun(old, after), *_wrong(old, after))
+    return (*told, *_stalled(old, after, told))
 
 
 def _reached(old: FleetStatus, new: FleetStatus) -> list[Told]:
@@ -60,18 +61,22 @@ def _begun(old: FleetStatus, new: FleetStatus) -> list[Told]:
 
 
 def _wrong(old: FleetStatus, new: FleetStatus) -> list[Told]:
-    """Trouble when its reason is a new one, its end, and that nothing goes on any more."""
+    """Trouble when it says another thing, and its end."""
     told: list[Told] = []
     trouble, was = _finding(new, FleetCondition.DEGRADED), _finding(old, FleetCondition.DEGRADED)
     if trouble.is_true and _says(trouble) != _says(was):
         told.append(("Warning", trouble.reason, trouble.message))
     elif was.is_true and not trouble.is_true:
         told.append(("Normal", "Recovered", shortened(f"no longer: {was.message}")))
-    stalled, was = _finding(new, FleetCondition.STALLED), _finding(old, FleetCondition.STALLED)
-    told_before = (_says(trouble), _says(_finding(new, FleetCondition.COMPILED)))
-    if stalled.is_true and _says(stalled) != _says(was) and _says(stalled) not in told_before:
-        told.append(("Warning", FleetCondition.STALLED.value, stalled.message))
     return told
+
+
+def _stalled(old: FleetStatus, new: FleetStatus, told: tuple[Told, ...]) -> list[Told]:
+    """That nothing goes on any more, unless the same words are told just now."""
+    stalled, was = _finding(new, FleetCondition.STALLED), _finding(old, FleetCondition.STALLED)
+    if not stalled.is_true or _says(stalled) == _says(was) or _says(stalled) in [each[1:] for each in told]:
+        return []
+    return [("Warning", FleetCondition.STALLED.value, stalled.message)]
 
 
 def _says(finding: Finding) -> tuple[str, str]:

@@ -43,7 +43,8 @@ async def apply(cluster: Cluster, desired: Desired) -> Applied:
         FleetGone: the FleetSpec is no longer there.
         ClusterError: the API server refuses.
     """
-    await together([cluster.delete(each.kind, each.ref, each.uid) for each in desired.unwanted])
+    for unwanted in desired.unwanted_waves:
+        await together([cluster.delete(each.kind, each.ref, each.uid) for each in unwanted])
     await together([_have(cluster, desired, manifest) for manifest in desired.objects])
     waits = False
     for wave in desired.waves:

@@ -19,12 +19,15 @@ from fleet_operator.compiler.fleet import compile_fleet
 from fleet_operator.compiler.settings import Settings
 from fleet_operator.compiler.target import Target
 from fleet_operator.flow.files import from_config_maps, outside, place
+from fleet_operator.flow.reach import Reach
 from fleet_operator.flow.sources import read_bundle
 from fleet_operator.flow.stored import Flown
 from fleet_operator.policy.status import Trouble
 from fleet_operator.resources.refs import Manifest
 
 INVALID, FILES_MISSING, STORAGE_TAKEN, CONTEXT_BROKEN = "Invalid", "FilesMissing", "StorageTaken", "ContextBroken"
+LASTING = frozenset({INVALID, STORAGE_TAKEN})
+"""Refusals that end only when the user does something; files may follow, and contexts may be there again."""
 _COMMAND = "fleet files fleetspec.yaml | kubectl apply --server-side -f -"
 
 
@@ -76,7 +79,7 @@ def examine(body: Mapping[str, Any], shelf: Shelf, settings: Settings) -> Asked:
         spec = parse_fleet_spec(document)
     except SpecError as error:
         return refused(INVALID, error)
-    problems = outside(spec)
+    problems = outside(spec) + Reach(settings.storage_uri, settings.storage_hosts).problems(spec)
     if problems:
         return refused(INVALID, SpecError(problems))
     try:
@@ -95,7 +98,7 @@ def refused(reason: str, error: FleetError, advice: str = "") -> Asked:
     """A refusal with everything that is wrong, in one line."""
     problems: Sequence[Problem | FleetError] = error.problems if isinstance(error, SpecError) else [error]
     text = "; ".join(" ".join(str(problem).split()) for problem in problems)
-    return Asked(refusal=Trouble(reason, f"{text}. {advice}" if advice else text))
+    return Asked(refusal=Trouble(reason, f"{text}. {advice}" if advice else text, reason in LASTING))
 
 
 def _compiled(spec: FleetSpec, bundle: Bundle, settings: Settings) -> Asked:

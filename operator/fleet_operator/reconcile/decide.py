@@ -9,12 +9,17 @@ from enum import StrEnum
 from typing import Any
 
 from fleet_operator.policy.lifecycle import Course, Failed, MissionProgress, Progress, Step, next_step
+from fleet_operator.policy.status import status_of
 from fleet_operator.reconcile.flight import Flight, FlightPlan
 from fleet_operator.reconcile.observe import Observed, mission_under_way
+from fleet_operator.reconcile.seen import Seen
 from fleet_operator.resources import names
 from fleet_operator.resources.conditions import MissionCondition, Truth
 from fleet_operator.resources.roles import Role
 from fleet_operator.resources.views import JobState, JobView
+
+_A_MOMENT_S = 1.0
+"""Times of a schedule are the first ones after another time."""
 
 
 class Again(StrEnum):
@@ -69,16 +74,16 @@ def decide(observed: Observed, now_s: float) -> Decided:
             each.subset for each in observed.terms(number) if each.level > 0 and each.subset not in given_up
         )
 
+    course = Course.of((observed.asked.flown or observed.flown).fleet)
     reached = observed.records.progress(observed.flown.fleet, due, _broken(observed, under_way) or plan.broken)
     progress = replace(
         reached,
         prepared=_prepared(observed, reached, under_way),
         trained=reached.trained and observed.subsets is not None,
-        missions=_with_ends(observed, reached.missions, now_s),
+        missions=_with_ends(observed, reached.missions, course, now_s),
         now_s=now_s,
     )
-    live = observed.asked.flown or observed.flown
-    step = next_step(Course.of(live.fleet), progress)
+    step = next_step(course, progress)
     return Decided(observed, step, progress, plan, given_up, _again(observed, step, plan))
 
 
@@ -143,14 +148,32 @@ def _ended(observed: Observed, name: str, what: str) -> str:
     return f"{what} failed: {reason}; see the log of Job {name}"
 
 
-def _with_ends(observed: Observed, missions: tuple[MissionProgress, ...], now_s: float) -> tuple[MissionProgress, ...]:
-    """When the last mission was evaluated: as its Mission object says, else now."""
+def _with_ends(
+    observed: Observed, missions: tuple[MissionProgress, ...], course: Course, now_s: float
+) -> tuple[MissionProgress, ...]:
+    """When the last mission was evaluated: as its Mission object says, else as the FleetSpec's status does, else now.
+
+    A Mission that is gone is made again in the same pass, and says from then on what was found here.
+    """
     if not missions or not missions[-1].evaluated:
         return missions
     body = observed.seen.missions.get(len(missions))
     status = body.get("status") if body else None
     ended_s = _evaluated_s(status) if status else None
-    return (*missions[:-1], replace(missions[-1], ended_s=now_s if ended_s is None else ended_s))
+    if ended_s is None:
+        ended_s = min(now_s, _announced_s(observed.seen, len(missions), course, now_s))
+    return (*missions[:-1], replace(missions[-1], ended_s=ended_s))
+
+
+def _announced_s(seen: Seen, number: int, course: Course, now_s: float) -> float:
+    """When a mission must have ended for the next one to start when the FleetSpec's status says; else now."""
+    status = status_of(seen.body)
+    if status is None or not status.next_mission:
+        return now_s
+    if (status.observed_generation, status.mission) != (seen.generation, number):
+        return now_s
+    before_s = _A_MOMENT_S if course.schedule else course.interval_s
+    return datetime.fromisoformat(status.next_mission).timestamp() - before_s
 
 
 def _evaluated_s(status: Mapping[str, Any]) -> float | None:

@@ -18,11 +18,12 @@ from fleet_operator.compiler.missions import (
 )
 from fleet_operator.compiler.network import network_policies
 from fleet_operator.compiler.target import AggregatorTerms, Placement
-from fleet_operator.policy.lifecycle import Fly, Retrain, Train, Weigh
+from fleet_operator.flow.orders import in_waves
+from fleet_operator.policy.lifecycle import Done, Failed, Fly, Retrain, Suspended, Train, Wait, Weigh
 from fleet_operator.reconcile.decide import Decided
 from fleet_operator.resources import names
 from fleet_operator.resources.refs import JOB, SERVICE, Kind, Manifest, ObjectRef
-from fleet_operator.resources.roles import LOWEST_LEVEL, Role
+from fleet_operator.resources.roles import Role
 from fleet_operator.resources.views import JobView
 
 KEPT_MISSIONS = 2
@@ -53,13 +54,19 @@ class Desired:
     Args:
         objects: Everything but Jobs, in the order in which it is needed.
         waves: Jobs; those of a wave are made side by side, and no wave before the one before it is there.
-        unwanted: What is to go, in this order.
+        unwanted: What is to go.
     """
 
     decided: Decided
     objects: tuple[Manifest, ...] = ()
     waves: tuple[tuple[WantedJob, ...], ...] = ()
     unwanted: tuple[Unwanted, ...] = ()
+
+    @property
+    def unwanted_waves(self) -> tuple[tuple[Unwanted, ...], ...]:
+        """What is to go: Jobs when all else is gone, as they tell of what there is else."""
+        others = tuple(each for each in self.unwanted if each.kind != JOB)
+        return others, tuple(each for each in self.unwanted if each.kind == JOB)
 
 
 def desire(decided: Decided, placement: Mapping[str, Placement]) -> Desired:
@@ -89,6 +96,8 @@ def _wanted(decided: Decided, placement: Mapping[str, Placement]) -> Desired:
             target = decided.observed.target
             wanted = WantedJob(names.weighing_job(target.spec.name, number), lambda: weighing_job(target, number))
             return Desired(decided, _base(decided, number), ((wanted,),))
+        case Wait() | Suspended() | Failed() | Done():
+            return Desired(decided, _last_mission(decided))
         case _:
             return Desired(decided)
 
@@ -98,6 +107,18 @@ def _base(decided: Decided, mission: int = 0) -> tuple[Manifest, ...]:
     target = decided.observed.target
     mission_object = [mission_manifest(target, mission)] if mission else []
     return (*function_sources(target), *network_policies(target), *mission_object)
+
+
+def _last_mission(decided: Decided) -> tuple[Manifest, ...]:
+    """The Mission object of the mission that was flown last, when it is gone: it says when that mission ended.
+
+    It is of what was flown. The FleetSpec of the cluster may ask for another context by now.
+    """
+    observed = decided.observed
+    if not decided.mission or decided.mission in observed.seen.missions or observed.stored is None:
+        return ()
+    spec = observed.target.spec.model_copy(update={"spec": observed.stored.spec})
+    return (mission_manifest(replace(observed.target, spec=spec), decided.mission),)
 
 
 def _flight(decided: Decided, number: int) -> tuple[tuple[Manifest, ...], tuple[tuple[WantedJob, ...], ...]]:
@@ -125,7 +146,7 @@ def _job(builder: Callable[..., Manifest], decided: Decided, number: int, agent:
 
 
 def _retraining(decided: Decided, number: int, placement: Mapping[str, Placement]) -> tuple[tuple[WantedJob, ...], ...]:
-    """All aggregators, those that are suspended first: they are there whenever the others are."""
+    """All aggregators, those that are suspended first: they are there whenever the others are. Then level by level."""
     target = decided.observed.target
     retrained = decided.progress.missions[number - 1].retrained
     over = retrained.union(decided.given_up)
@@ -135,9 +156,7 @@ def _retraining(decided: Decided, number: int, placement: Mapping[str, Placement
         name = names.mission_job(Role.AGGREGATOR, target.spec.name, number, each.subset)
         return WantedJob(name, lambda: aggregator_job(target, number, each, placement.get(each.subset)))
 
-    suspended = tuple(wanted(each) for each in terms if each.level == LOWEST_LEVEL)
-    running = tuple(wanted(each) for each in terms if each.level > LOWEST_LEVEL)
-    return suspended, running
+    return tuple(tuple(wanted(each) for each in wave) for wave in in_waves(terms))
 
 
 def _stopped(decided: Decided) -> list[Unwanted]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 from fleet_operator.cluster.port import Cluster
 from fleet_operator.policy.status import Trouble
+from fleet_operator.policy.troubles import of_agents, of_aggregator, of_jobs_complaint, of_pod, of_pods_complaint
 from fleet_operator.reconcile.decide import Decided
 from fleet_operator.reconcile.note import Note
 from fleet_operator.resources.refs import JOB, POD
@@ -20,10 +21,7 @@ PATIENCE_S = 10.0
 """How long a pod may take to start before somebody looks why."""
 _MOST_COMPLAINTS = 3
 _MOST_TROUBLES = 3
-_IMAGE = {"ErrImagePull", "ImagePullBackOff", "ErrImageNeverPull", "InvalidImageName", "ImageInspectError"}
-_CONFIG = {"CreateContainerConfigError", "CreateContainerError"}
 _WORDY = {"ImageMissing", "ConfigMissing"}
-_FAILING = {"CrashLoopBackOff", "RunContainerError"}
 
 
 @dataclass(frozen=True)
@@ -61,7 +59,9 @@ async def diagnose(cluster: Cluster, decided: Decided, note: Note, now_s: float)
     for pod in await cluster.pods(decided.observed.seen.ref):
         by_job.setdefault(pod.job, []).append(pod)
     lost = tuple(job for job in waiting if _is_lost(by_job.get(job.ref.name, []), decided.observed.seen.nodes))
-    found = await _of_waiting(cluster, decided, [job for job in waiting if job not in lost], by_job)
+    found = await _of_waiting(cluster, decided, [job for job in waiting if job not in lost], by_job, now_s)
+    if _goes_on(decided):
+        found = [replace(each, lasting=False) for each in found]
     note.told = {each.reason: note.told.get(each.reason, each.message) for each in found if each.reason in _WORDY}
     found = [replace(each, message=note.told.get(each.reason, each.message)) for each in found]
     gone = sorted({pod.node for job in lost for pod in _live(by_job[job.ref.name])})
@@ -85,21 +85,23 @@ def _of_failed(decided: Decided) -> list[Trouble]:
     evaluation = records.evaluation(number)
     failures = dict(evaluation.failures) if evaluation is not None else _fallen(decided, number)
     if failures:
-        told = "; ".join(f"{agent} failed: {message}" for agent, message in sorted(failures.items()))
-        found.append(Trouble("AgentFailed", f"mission {number}: {told}"))
-    for subset, message in sorted(decided.given_up.items()):
-        found.append(Trouble("AggregatorFailed", f"mission {number}: the aggregator of {subset} failed: {message}"))
+        found.append(of_agents(number, failures))
+    found += [of_aggregator(number, subset, message) for subset, message in sorted(decided.given_up.items())]
     return found
 
 
-def _fallen(decided: Decided, number: int) -> Mapping[str, str]:
+def _fallen(decided: Decided, number: int) -> dict[str, str]:
     landed = decided.progress.missions[number - 1].landed
     landings = {agent: decided.observed.records.landing(number, agent) for agent in sorted(landed)}
     return {agent: each.message for agent, each in landings.items() if each is not None and each.failed}
 
 
 async def _of_waiting(
-    cluster: Cluster, decided: Decided, waiting: Sequence[JobView], by_job: Mapping[str, Sequence[PodView]]
+    cluster: Cluster,
+    decided: Decided,
+    waiting: Sequence[JobView],
+    by_job: Mapping[str, Sequence[PodView]],
+    now_s: float,
 ) -> list[Trouble]:
     found: dict[str, Trouble] = {}
     podless = [job for job in waiting if not _live(by_job.get(job.ref.name, []))]
@@ -107,12 +109,12 @@ async def _of_waiting(
         if len(found) == _MOST_TROUBLES:
             break
         for pod in by_job.get(job.ref.name, []):
-            trouble = await _of_pod(cluster, job, pod)
+            trouble = of_pod(job.ref.name, pod, now_s) or await _of_volumes(cluster, job, pod)
             if trouble is not None and not _is_queueing(trouble, job, decided):
                 found.setdefault(trouble.reason, trouble)
     for job in podless[:_MOST_COMPLAINTS]:
         for reason, message in await cluster.complaints(job.ref, JOB.kind):
-            trouble = _of_complaint(job.ref.name, reason, message)
+            trouble = of_jobs_complaint(job.ref.name, reason, message)
             if trouble is not None:
                 found.setdefault(trouble.reason, trouble)
                 break
@@ -123,29 +125,18 @@ def _live(pods: Sequence[PodView]) -> list[PodView]:
     return [pod for pod in pods if pod.phase not in ("Failed", "Succeeded")]
 
 
-async def _of_pod(cluster: Cluster, job: JobView, pod: PodView) -> Trouble | None:
-    """What is wrong with a pod; pods come and go under other names, so it is told of their Job."""
-    about, said = f"the pod of Job {job.ref.name}", f": {pod.message}" if pod.message else ""
-    if pod.waiting in _IMAGE:
-        return Trouble("ImageMissing", f"{about} cannot get an image ({pod.waiting}{said})")
-    if pod.waiting in _CONFIG:
-        return Trouble("ConfigMissing", f"{about} cannot be set up ({pod.waiting}{said})")
-    if pod.waiting in _FAILING or pod.phase == "Failed" or pod.restarts:
-        return Trouble("PodFailing", f"{about} fails and is started again{said or '; see its log'}")
-    if pod.waiting:
-        return Trouble("Unschedulable", f"{about} finds no node{said}")
-    if pod.phase == "Pending" and pod.node:  # that a volume cannot be mounted is told by an event only
-        for reason, message in await cluster.complaints(pod.ref, POD.kind):
-            if reason in ("FailedMount", "FailedAttachVolume"):
-                return Trouble("ConfigMissing", f"{about} cannot be set up ({reason}: {message})")
-    return None
-
-
-def _of_complaint(name: str, reason: str, message: str) -> Trouble | None:
-    if reason != "FailedCreate":
+async def _of_volumes(cluster: Cluster, job: JobView, pod: PodView) -> Trouble | None:
+    if pod.phase != "Pending" or not pod.node:
         return None
-    kind = "QuotaExceeded" if "exceeded quota" in message else "PodRefused"
-    return Trouble(kind, f"Job {name} gets no pod: {message}")
+    complaints = await cluster.complaints(pod.ref, POD.kind)
+    found = (of_pods_complaint(job.ref.name, reason, message) for reason, message in complaints)
+    return next((trouble for trouble in found if trouble is not None), None)
+
+
+def _goes_on(decided: Decided) -> bool:
+    """Whether a Job is at work that the fleet waits for; a sensor only serves its workflow."""
+    jobs = decided.observed.seen.jobs.values()
+    return any(job.state is JobState.RUNNING and job.role is not Role.SENSOR for job in jobs)
 
 
 def _is_queueing(trouble: Trouble, job: JobView, decided: Decided) -> bool:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from fleet.spec.base import Model
 from fleet.spec.resources import FleetSpec
 from fleet_operator.compiler.bundle import Bundle
-from fleet_operator.policy.status import Situation
+from fleet_operator.policy.status import Situation, Trouble
 from fleet_operator.reconcile.asked import Asked
 
 _DOCUMENTS = 2048
@@ -33,7 +33,10 @@ class Note:
         steps: Size and records of logs, by path.
         situation: That of the last pass.
         told: What was said of a trouble when it was first seen, by its reason.
-        resized: The mission, and its aggregators that were over when the others were last given their share.
+        resized: The mission, and its aggregators that were over and that ran when these were last given their share.
+        refused_resize: The mission in which it was last said that an aggregator may not be resized.
+        without_storage_s: Since when its storage refuses, in seconds since the Unix epoch; None while it does not.
+        copies_seen: Whether it was looked how many copies its storage keeps.
     """
 
     uid: str
@@ -49,11 +52,24 @@ class Note:
     steps: dict[str, tuple[int, int]] = field(default_factory=dict)
     situation: Situation | None = None
     told: dict[str, str] = field(default_factory=dict)
-    resized: tuple[int, frozenset[str]] = (0, frozenset())
+    refused_resize: int = 0
+    without_storage_s: float | None = None
+    copies_seen: bool = False
+    resized: tuple[int, frozenset[str], frozenset[str]] = (0, frozenset(), frozenset())
+
+    def refusal(self, asked_for: str) -> Trouble | None:
+        """Why what the user asks for now is refused, as far as that is known; whether it lasts, only storage tells."""
+        if self.asked is None or self.asked.refusal is None or self.asked_for != asked_for:
+            return None
+        return replace(self.asked.refusal, lasting=False)
 
     def rest(self, seen: str) -> None:
-        """Remember that nothing is left to do, and forget what is only of use while there is."""
+        """Remember that nothing is left to do."""
         self.at_rest = seen
+        self.ease()
+
+    def ease(self) -> None:
+        """Forget what is only of use while something is done: a thousand fleets may wait for hours."""
         self.asked, self.asked_for, self.functions, self.stored, self.known = None, "", None, None, None
         self.documents, self.steps, self.situation = {}, {}, None
 

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from fleet.aggregation.subsets import Subset, known_subsets
+from fleet.errors import StorageError
 from fleet.spec.resources import Fleet, FleetSpec
 from fleet.storage.layout import FleetPaths
 from fleet.storage.port import Storage
 from fleet_operator.compiler.bundle import Bundle
 from fleet_operator.compiler.settings import Settings
 from fleet_operator.compiler.target import AggregatorTerms, Owner, Target
+from fleet_operator.flow.files import outside
 from fleet_operator.flow.orders import aggregator_terms
 from fleet_operator.flow.records import FleetRecords
 from fleet_operator.flow.stored import Flown, kept_form, read_functions, read_spec, renewed
@@ -136,6 +138,10 @@ def _flown(seen: Seen, asked: Asked, records: FleetRecords, note: Note) -> Flown
     bundle = note.functions
     if bundle is None:  # `fleet run` began it, and keeps no functions
         bundle = asked.flown.bundle if asked.flown is not None else Bundle()
+    problems = outside(note.stored)
+    if problems:
+        told = f"{records.paths.fleet_spec} in {records.storage.uri} names files that are none of the fleet's"
+        raise StorageError(f"{told}: {problems[0]}; restore it, or delete it")
     spec = note.stored if asked.flown is None else renewed(note.stored, asked.flown.spec)
     return Flown(spec, bundle)
 

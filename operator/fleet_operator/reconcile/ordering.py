@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 
 from fleet.errors import ContextError, SpecError
-from fleet_operator.flow.stored import replaced_functions
+from fleet_operator.flow.stored import functions_of, kept_form, replaced_functions
 from fleet_operator.reconcile import work
 from fleet_operator.reconcile.asked import CONTEXT_BROKEN, FILES_MISSING, Asked, refused
 from fleet_operator.reconcile.decide import Again, Decided
@@ -23,8 +23,9 @@ async def prepare(means: Means, observed: Observed, note: Note) -> Asked:
     Raises:
         StorageError: the storage refuses.
     """
+    await _forget_functions(means, observed)
     try:
-        note.stored = await asyncio.to_thread(work.prepare, observed, means.shelf(observed.seen))
+        note.stored = await asyncio.to_thread(work.prepare, observed, means.shelf(observed.seen), means.visit)
     except ContextError as error:
         return refused(CONTEXT_BROKEN, error)
     except SpecError as error:
@@ -33,6 +34,24 @@ async def prepare(means: Means, observed: Observed, note: Note) -> Asked:
         note.known[observed.paths.fleet_spec] = 0
     note.functions = None if observed.asked.flown is None else observed.asked.flown.bundle
     return observed.asked
+
+
+async def _forget_functions(means: Means, observed: Observed) -> None:
+    """Delete the functions of which nothing in storage will tell any more, before that is written.
+
+    Storage knows of those that are in force and of those before. They may change more than once before an order.
+    """
+    if observed.stored is None or observed.asked.flown is None:
+        return
+    kept = kept_form(observed.asked.flown, observed.stored)
+    lost = replaced_functions(observed.stored)
+    if lost and lost not in (functions_of(kept), replaced_functions(kept)):
+        await _delete_functions(means, observed, lost)
+
+
+async def _delete_functions(means: Means, observed: Observed, digest: str) -> None:
+    ref = observed.seen.ref
+    await means.cluster.delete(CONFIG_MAP, ObjectRef(ref.namespace, names.functions(ref.name, digest)))
 
 
 async def order(means: Means, observed: Observed, number: int, note: Note) -> Asked:
@@ -46,8 +65,7 @@ async def order(means: Means, observed: Observed, number: int, note: Note) -> As
         return asked
     replaced = replaced_functions(note.stored)
     if replaced:
-        name = names.functions(observed.seen.ref.name, replaced)
-        await means.cluster.delete(CONFIG_MAP, ObjectRef(observed.seen.ref.namespace, name))
+        await _delete_functions(means, observed, replaced)
     await asyncio.to_thread(work.order, observed, number)
     return asked
 

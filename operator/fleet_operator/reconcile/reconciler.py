@@ -10,24 +10,21 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 
-from fleet.clock import Clock, SystemClock
-from fleet.errors import SpecError, StorageError, StorageFull, StorageReadOnly
-from fleet.storage.open import open_storage
+from fleet.errors import SpecError, StorageError
 from fleet.storage.port import Storage
 from fleet_operator.cluster.errors import ClusterError, Forbidden, Invalid
-from fleet_operator.cluster.port import Cluster
-from fleet_operator.compiler.settings import Settings
-from fleet_operator.policy.lifecycle import Fly, Order, Prepare, Progress, Retrain, Train, Wait, Weigh
+from fleet_operator.policy.lifecycle import Fly, Order, Prepare, Retrain, Train, Wait, Weigh
 from fleet_operator.policy.status import Situation, Trouble
 from fleet_operator.policy.times import rfc3339
+from fleet_operator.policy.troubles import of_rejection, of_storage
 from fleet_operator.reconcile import leaving, ordering
 from fleet_operator.reconcile.apply import Applied, FleetGone, apply
 from fleet_operator.reconcile.asked import Asked, examine
 from fleet_operator.reconcile.claiming import possess
+from fleet_operator.reconcile.copies import FEWER_COPIES, Copies
 from fleet_operator.reconcile.decide import Again, Decided, decide
 from fleet_operator.reconcile.desire import desire
 from fleet_operator.reconcile.diagnose import diagnose
@@ -43,51 +40,34 @@ from fleet_operator.reconcile.tell import (
     situation_of,
     tell_fleet,
     tell_missions,
+    unobserved,
 )
 from fleet_operator.resources.refs import JOB, Manifest, ObjectRef
 
 _SOON_S = 1.0
 _FLIGHT_S = 5.0
 _WORK_S = 15.0
-_STORAGE_RETRY_S = 10.0
+_STORAGE_RETRY_S, _STORAGE_LONGEST_S = 10.0, 300.0
 _REFUSED_S = 60.0
 _LEAST_WAIT_S = 0.1
+_LONG_S = 60.0
 _MOST_STEPS = 6
 """Steps that one pass takes when each is done at once."""
 _OTHER_OWNER = "Only one reference can have Controller set to true"
 """The API server's words when an object of an earlier FleetSpec is still there, which the watches do not see."""
-_REASONS = (
-    (StorageFull, "StorageFull"),
-    (StorageReadOnly, "StorageReadOnly"),
-    (StorageError, "StorageUnavailable"),
-    (SpecError, "Invalid"),
-)
 
 
 class FleetReconciler:
     """Brings fleets on; one pass of a fleet at a time.
 
     Args:
-        cluster: The Kubernetes cluster.
-        settings: What the installation decides.
-        library: Folder with the files of fleets that bring none.
-        namespaces: Where fleets are this operator's; none means everywhere.
-        clock: Tells the time.
-        opened: Opens a storage by its address.
+        means: What it works with.
     """
 
-    def __init__(
-        self,
-        cluster: Cluster,
-        settings: Settings,
-        library: Path = Path("/fleet/library"),
-        namespaces: Collection[str] = (),
-        clock: Clock | None = None,
-        opened: Callable[[str], Storage] = open_storage,
-    ) -> None:
-        self._means = Means(cluster, settings, library, frozenset(namespaces), clock or SystemClock(), opened)
-        self._cluster = cluster
+    def __init__(self, means: Means) -> None:
+        self._means, self._cluster = means, means.cluster
         self._notes: dict[ObjectRef, Note] = {}
+        self._copies = Copies()
 
     async def reconcile(self, ref: ObjectRef) -> float | None:
         """Bring a fleet on.
@@ -106,7 +86,7 @@ class FleetReconciler:
         if note.at_rest and note.at_rest == seen.fingerprint:
             return None
         try:
-            return await self._pass(seen, note)
+            later = await self._pass(seen, note)
         except FleetGone:
             return None
         except (StorageError, SpecError) as error:
@@ -117,6 +97,8 @@ class FleetReconciler:
             with contextlib.suppress(ClusterError):  # the first error is the one that counts
                 await self._tell_rejection(seen, note, error)
             raise
+        note.without_storage_s = None
+        return later
 
     async def forget(self, ref: ObjectRef, last: Manifest | None) -> None:
         """A FleetSpec is gone: do with its data what it asked for.
@@ -152,6 +134,7 @@ class FleetReconciler:
                 return await self._tell_refusal(seen, asked, note)
             decided = await asyncio.to_thread(self._decide, seen, asked, storage, note)
             observed = decided.observed
+            await self._look_at_copies(decided, note)
             if await ordering.land(self._means, decided):
                 continue
             match decided.step:
@@ -166,6 +149,17 @@ class FleetReconciler:
 
     def _decide(self, seen: Seen, asked: Asked, storage: Storage, note: Note) -> Decided:
         return decide(observe(seen, asked, self._means.settings, storage, note), self._means.clock.now())
+
+    async def _look_at_copies(self, decided: Decided, note: Note) -> None:
+        """Say it when the fleet's storage keeps fewer copies than it is asked for."""
+        observed = decided.observed
+        if note.copies_seen or observed.flown is None:
+            return
+        storage = self._means.storage(observed.target.storage)
+        complaint = await self._copies.complaint(storage, self._means.clock.now())
+        if complaint:
+            await self._cluster.record(observed.seen.body, "Warning", FEWER_COPIES, complaint)
+        note.copies_seen = complaint is not None
 
     async def _asked(self, seen: Seen, note: Note) -> Asked:
         """Examine the FleetSpec, unless it is the one that was examined last."""
@@ -194,6 +188,8 @@ class FleetReconciler:
         now = take(self._cluster, seen.ref)
         if later is None and now is not None and now.fingerprint == seen.fingerprint:
             note.rest(seen.fingerprint)
+        elif isinstance(step, Wait) and step.seconds >= _LONG_S:
+            note.ease()
         return later
 
     def _look_again_s(self, decided: Decided, applied: Applied, note: Note) -> float | None:
@@ -224,7 +220,8 @@ class FleetReconciler:
 
     async def _tell_refusal(self, seen: Seen, asked: Asked, note: Note) -> float | None:
         """A FleetSpec that is refused, and has nothing in storage."""
-        await tell_fleet(self._cluster, seen, self._blank(seen, asked.refusal))
+        note.situation = self._blank(seen, asked.refusal)
+        await tell_fleet(self._cluster, seen, note.situation)
         if asked is not note.asked:
             return _REFUSED_S
         note.rest(seen.fingerprint)
@@ -239,26 +236,31 @@ class FleetReconciler:
         return _SOON_S
 
     async def _without_storage(self, seen: Seen, note: Note, error: StorageError | SpecError) -> float:
-        """Say it, keep all else as it was, and try again."""
-        reason = next(word for kind, word in _REASONS if isinstance(error, kind))
-        await self._tell_trouble(seen, note, Trouble(reason, str(error)))
-        return _STORAGE_RETRY_S
+        """Say it, keep all else as it was, and try again: the longer it lasts, the later.
+
+        A look at a storage that does not answer holds a worker, and a thousand fleets may name such storages.
+        """
+        await self._tell_trouble(seen, note, of_storage(error))
+        now_s = self._means.clock.now()
+        if note.without_storage_s is None:
+            note.without_storage_s = now_s
+        return min(max(now_s - note.without_storage_s, _STORAGE_RETRY_S), _STORAGE_LONGEST_S)
 
     async def _tell_rejection(self, seen: Seen, note: Note, error: ClusterError) -> None:
         """What the API server refuses, only the user or the administrator can do something about."""
-        reason = "QuotaExceeded" if "exceeded quota" in str(error) else "Rejected"
-        await self._tell_trouble(seen, note, Trouble(reason, str(error)))
+        await self._tell_trouble(seen, note, of_rejection(str(error)))
 
     async def _tell_trouble(self, seen: Seen, note: Note, trouble: Trouble) -> None:
-        before = note.situation or self._blank(seen, None)
+        before = note.situation
+        if before is None or (before.refusal is not None and before.generation != seen.generation):
+            before = self._blank(seen, note.refusal(seen.asked_for))
         now = rfc3339(self._means.clock.now())
         situation = replace(before, generation=seen.generation, troubles=(trouble,), now=now)
         await tell_fleet(self._cluster, seen, situation)
 
     def _blank(self, seen: Seen, refusal: Trouble | None) -> Situation:
         """What is said when nothing could be observed."""
-        now_s = self._means.clock.now()
-        return Situation(seen.generation, None, refusal, Progress(now_s=now_s), False, None, (), "", rfc3339(now_s))
+        return unobserved(seen.generation, refusal, self._means.clock.now())
 
     def _note(self, seen: Seen) -> Note:
         note = self._notes.get(seen.ref)

@@ -15,7 +15,7 @@ from typing import Any
 from fleet_operator.cluster.port import Cluster
 from fleet_operator.flow.files import version_of
 from fleet_operator.flow.orders import Room
-from fleet_operator.policy.shares import Capacity
+from fleet_operator.resources.applied import mark_of
 from fleet_operator.resources.refs import FLEET_SPEC, JOB, MISSION, Kind, Manifest, ObjectRef
 from fleet_operator.resources.views import JobState, JobView, NodeView
 
@@ -81,13 +81,7 @@ class Seen:
     @cached_property
     def room(self) -> Room:
         """What machines have for aggregators: all that are ready and take pods."""
-        able = [node for node in self.nodes if node.ready and node.schedulable]
-        return Room(
-            Capacity(sum(node.cores for node in able), sum(node.memory_bytes for node in able)),
-            Capacity(
-                max((node.cores for node in able), default=0.0), max((node.memory_bytes for node in able), default=0.0)
-            ),
-        )
+        return Room.of(self.nodes)
 
 
 def take(cluster: Cluster, ref: ObjectRef) -> Seen | None:
@@ -95,23 +89,37 @@ def take(cluster: Cluster, ref: ObjectRef) -> Seen | None:
     body = cluster.fleet(ref)
     if body is None or is_deleting(body):
         return None
-    owners = ("", body["metadata"].get("uid", ""))
+    uid = body["metadata"].get("uid", "")
     jobs, missions = cluster.jobs(ref), cluster.missions(ref)
-    strangers = [Stranger(JOB, job.ref, job.uid, job.deleting) for job in jobs if job.owner_uid not in owners]
+    strangers = [
+        Stranger(JOB, job.ref, job.uid, job.deleting) for job in jobs if job.owner_uid and job.owner_uid != uid
+    ]
     strangers += [
         Stranger(MISSION, ObjectRef.of(each), each["metadata"].get("uid", ""), is_deleting(each))
         for each in missions.values()
-        if _owner_of(each) not in owners
+        if _owner_of(each) not in ("", uid)
     ]
     return Seen(
         ref,
         body,
-        {job.ref.name: job for job in jobs if job.owner_uid in owners},
+        {job.ref.name: job for job in jobs if job.owner_uid == uid or _is_left_to_us(job)},
         tuple(strangers),
-        {number: each for number, each in missions.items() if _owner_of(each) in owners},
+        {number: each for number, each in missions.items() if _owner_of(each) == uid or _is_orphan(each)},
         cluster.files(ref),
         cluster.nodes(),
     )
+
+
+def _is_left_to_us(job: JobView) -> bool:
+    """A Job that no FleetSpec owns, and that this operator has made: `kubectl delete --cascade=orphan` leaves such.
+
+    Anybody may give a Job of his own the fleet's label; it is not to be touched.
+    """
+    return not job.owner_uid and bool(job.applied) and job.role is not None
+
+
+def _is_orphan(mission: Manifest) -> bool:
+    return not _owner_of(mission) and bool(mark_of(mission))
 
 
 def is_deleting(body: Mapping[str, Any]) -> bool:

@@ -9,6 +9,7 @@ from fleet.missions.records import read_log
 from fleet.spec.resources import MissionStatus
 from fleet_operator.cluster.errors import NotFound
 from fleet_operator.cluster.port import Cluster
+from fleet_operator.policy.lifecycle import Progress
 from fleet_operator.policy.mission_status import MissionSituation, mission_status
 from fleet_operator.policy.status import Situation, Trouble, fleet_status, status_manifest, status_of
 from fleet_operator.policy.story import story
@@ -46,6 +47,11 @@ def situation_of(decided: Decided, troubles: tuple[Trouble, ...], now_s: float) 
     )
 
 
+def unobserved(generation: int, refusal: Trouble | None, now_s: float) -> Situation:
+    """What is known of a fleet of which nothing could be observed, or of which there is nothing."""
+    return Situation(generation, None, refusal, Progress(now_s=now_s), False, None, (), "", rfc3339(now_s))
+
+
 def mission_situations(decided: Decided, note: Note, now_s: float) -> dict[int, MissionSituation]:
     """The same of every mission whose Mission object does not say its end yet. Raises StorageError."""
     observed = decided.observed
@@ -55,7 +61,10 @@ def mission_situations(decided: Decided, note: Note, now_s: float) -> dict[int, 
             continue
         found[number] = _mission_situation(decided, note, number, now_s)
     if decided.mission and decided.mission not in observed.seen.missions:
-        found[decided.mission] = _mission_situation(decided, note, decided.mission, now_s)
+        # Its Mission is made in this pass. One that was there before and is gone says again when its mission ended.
+        ended_s = decided.progress.missions[-1].ended_s
+        at_s = now_s if ended_s is None else ended_s
+        found[decided.mission] = _mission_situation(decided, note, decided.mission, at_s)
     return found
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 from fleet.energy.accounting import EnergyModel
 from fleet.energy.model import energy_model
 from fleet.errors import MissionError
 from fleet.spec.resources import FleetSpec
+from fleet.storage.port import Storage
 from fleet_operator.compiler.bundle import Bundle
 from fleet_operator.flow.contexts import copy_contexts
 from fleet_operator.flow.files import place
@@ -19,8 +21,11 @@ from fleet_operator.reconcile.asked import Shelf
 from fleet_operator.reconcile.observe import Observed
 
 
-def prepare(observed: Observed, shelf: Shelf) -> FleetSpec:
+def prepare(observed: Observed, shelf: Shelf, opened: Callable[[str], Storage]) -> FleetSpec:
     """Put contexts, functions and FleetSpec into storage, the FleetSpec last.
+
+    Args:
+        opened: Opens the storage of a context that has an address.
 
     Returns:
         The FleetSpec as it is in storage now.
@@ -32,7 +37,7 @@ def prepare(observed: Observed, shelf: Shelf) -> FleetSpec:
     """
     flown, storage, paths = _asked(observed), observed.storage, observed.paths
     with shelf.folder(flown.spec.name) as folder:
-        copy_contexts(flown.spec, folder, storage, paths)
+        copy_contexts(flown.spec, folder, storage, paths, opened)
     if not observed.is_current and paths.reward in observed.records.objects and _only_shaped(observed):
         storage.delete(paths.reward)  # of another FleetSpec, perhaps; the trainer's checkpoints know
     return write_flown(storage, paths, flown, observed.stored)

@@ -39,7 +39,6 @@ FUNCTIONS_FOLDER = "/fleet/functions"
 """Where the user's functions are in a container."""
 FUNCTIONS_VOLUME = "functions"
 SCRATCH_FOLDER = "/tmp"
-SCRATCH_VOLUME = "tmp"
 STORAGE_VOLUME = "storage"
 HEALTH_PATH = "/healthz"
 
@@ -105,6 +104,11 @@ def mission_part(mission: int) -> str:
 def main_container(role: Role) -> str:
     """The container whose end is the end of the pod."""
     return role.value.lower()
+
+
+def scratch_volume(container: str) -> str:
+    """The scratch volume of a container; no other container has it."""
+    return f"tmp-{container}"
 
 
 def label_value(text: str) -> str:

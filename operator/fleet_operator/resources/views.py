@@ -108,6 +108,7 @@ class PodView:
         restarts: Of all its containers together.
         containers: Resources of each container by name, as Kubernetes has them in `spec`.
         deleting: It was told to end, and its machine has not said yet that it has.
+        started_s: When its machine took it on, before it got any image, in seconds since the Unix epoch; 0 before.
     """
 
     ref: ObjectRef
@@ -119,6 +120,12 @@ class PodView:
     restarts: int
     containers: Mapping[str, Manifest]
     deleting: bool = False
+    started_s: float = 0.0
+
+    @property
+    def finds_no_node(self) -> bool:
+        """Whether the scheduler has looked, and no node has room for it."""
+        return not self.node and self.waiting == "Unschedulable"
 
     @staticmethod
     def of(body: Mapping[str, Any]) -> PodView:
@@ -139,6 +146,7 @@ class PodView:
                 for each in (*spec.get("initContainers", ()), *spec.get("containers", ()))
             },
             deleting="deletionTimestamp" in metadata,
+            started_s=seconds(status.get("startTime") or ""),
         )
 
 

@@ -76,7 +76,14 @@ class Lease:
     @property
     def held(self) -> bool:
         """Whether this replica may write: it holds the lease, and nobody else can think that it is over."""
-        return self._renewed_s is not None and self._now() < self._renewed_s + self._timing.deadline_s
+        return self.left_s > 0.0
+
+    @property
+    def left_s(self) -> float:
+        """For how many seconds from now it may write; what it sends is to have taken effect by then."""
+        if self._renewed_s is None:
+            return 0.0
+        return max(0.0, self._renewed_s + self._timing.deadline_s - self._now())
 
     @property
     def is_heard(self) -> bool:
@@ -89,19 +96,20 @@ class Lease:
             await asyncio.sleep(self._timing.retry_s * self._chance.uniform(0.8, 1.2))
 
     async def keep(self) -> None:
-        """Renew it; returns when it is lost."""
-        while self.held:
-            await asyncio.sleep(self._timing.renew_s * self._chance.uniform(0.8, 1.0))
-            started_s = self._now()
+        """Renew it; returns when it is lost, and as soon as this replica can no longer count on it.
+
+        What is at work in threads ends with the process, before others may take the lease.
+        """
+        mine = True
+        while mine and self.held:
+            await asyncio.sleep(min(self.left_s, self._timing.renew_s * self._chance.uniform(0.8, 1.0)))
+            if not self.held:
+                break
             try:
-                self._record = await self._leases.write(self._record)
-            except Conflict:
-                if not await self._still_mine():
-                    break
-            except ClusterError as error:
-                log.warning("the lease was not renewed: %s", error)
-            else:
-                self._renewed_s = self._heard_s = started_s
+                async with asyncio.timeout(self.left_s):
+                    mine = await self._renew()
+            except TimeoutError:
+                log.warning("the lease was not renewed in time")
         self._renewed_s = None
 
     async def release(self) -> None:
@@ -136,6 +144,19 @@ class Lease:
             log.warning("the lease cannot be looked at: %s", error)
             return False
         self._renewed_s = started_s
+        return True
+
+    async def _renew(self) -> bool:
+        """Try once; False when another holds it."""
+        started_s = self._now()
+        try:
+            self._record = await self._leases.write(self._record)
+        except Conflict:
+            return await self._still_mine()
+        except ClusterError as error:
+            log.warning("the lease was not renewed: %s", error)
+        else:
+            self._renewed_s = self._heard_s = started_s
         return True
 
     async def _still_mine(self) -> bool:

@@ -9,7 +9,8 @@ import time
 from collections.abc import Coroutine, Iterator, Mapping, Sequence
 from typing import Any, Protocol
 
-from fleet.errors import ExitCode, FleetError
+from fleet.errors import ExitCode, FleetError, SpecError, StorageError
+from fleet.storage.limits import within
 from fleet_operator.cluster.connection import Connection
 from fleet_operator.cluster.kubernetes_cluster import KubernetesCluster
 from fleet_operator.cluster.memory import Listeners
@@ -26,7 +27,11 @@ log = logging.getLogger(__name__)
 
 LONGEST_PASS_S = 900.0
 """A pass that is at work for longer hangs; copying the contexts of a large fleet takes minutes."""
-SWEEP_TRIES = 3
+PASS_STORAGE_S = 600.0
+"""What one pass may wait for storages altogether: they may be somebody's who answers as slowly as he can."""
+SWEEP_S = 3600.0
+SWEEP_AGAIN_S = (1.0, 300.0)
+"""Between two sweeps, and after one that failed: the first time and the longest."""
 
 
 class Reconciler(Protocol):
@@ -78,7 +83,7 @@ class Service:
             Exception: a watch ended in a way that it never should.
         """
         self._connection.memory.listeners = Listeners(self._changed, self._forgotten)
-        self._connection.transport.allowed = lambda: self._lease.held
+        self._connection.transport.left_s = lambda: self._lease.left_s
         self._numbers.watch(self._gauges())
         pages = {"/healthz": self._alive, "/readyz": self._ready, "/metrics": lambda: (200, self._numbers.text())}
         async with HealthServer(self._config.health_port, pages):
@@ -111,20 +116,28 @@ class Service:
     async def _work(self) -> None:
         await self._connection.watches.refresh_fleets()
         self._leading = True
-        await self._sweep()
         for ref in self._cluster.fleets():
             self._queue.add(ref)
-        await self._queue.run()
+        async with asyncio.TaskGroup() as tasks:
+            sweeping = tasks.create_task(self._sweep(), name="sweeping")
+            await self._queue.run()
+            sweeping.cancel()
 
     async def _sweep(self) -> None:
-        for attempt in range(1, SWEEP_TRIES + 1):
+        """Clean up after fleets that are gone, now and every hour: nobody waits for that."""
+        again_s, longest_s = SWEEP_AGAIN_S
+        while True:
             try:
-                await self._reconciler.sweep(Alive(self._cluster))
+                with within(PASS_STORAGE_S):
+                    await self._reconciler.sweep(Alive(self._cluster))
+                pause_s, again_s = SWEEP_S, SWEEP_AGAIN_S[0]
             except FleetError as error:
-                log.warning("what vanished fleets left behind was not cleaned up (try %d): %s", attempt, error)
-                await asyncio.sleep(attempt)
-            else:
-                return
+                log.warning("what vanished fleets left behind was not cleaned up: %s", error)
+                pause_s, again_s = again_s, min(2 * again_s, longest_s)
+            except Exception:  # a fault of the program, which is no reason to leave those alone that are there
+                log.exception("what vanished fleets left behind was not cleaned up")
+                pause_s, again_s = again_s, min(2 * again_s, longest_s)
+            await asyncio.sleep(pause_s)
 
     async def _end(self) -> None:
         """Let passes end, then let another replica work."""
@@ -138,20 +151,34 @@ class Service:
     async def _pass(self, ref: ObjectRef) -> float | None:
         started_s = time.monotonic()
         try:
-            while self._gone.get(ref):
-                last = self._gone[ref][0]
-                await self._reconciler.forget(ref, last)
-                self._gone[ref].remove(last)
-            self._gone.pop(ref, None)
-            if self._cluster.fleet(ref) is None:
-                self._queue.discard(ref)
-                again_s = None
-            else:
-                again_s = await self._reconciler.reconcile(ref)
+            with within(PASS_STORAGE_S):
+                await self._forget(ref)
+                if self._cluster.fleet(ref) is None:
+                    self._queue.discard(ref)
+                    again_s = None
+                else:
+                    again_s = await self._reconciler.reconcile(ref)
         finally:
             self._numbers.count(metrics.PASS_SECONDS, time.monotonic() - started_s)
         self._numbers.count(metrics.PASSES, result="ok")
         return again_s
+
+    async def _forget(self, ref: ObjectRef) -> None:
+        """See to the data of FleetSpecs of this name that are gone.
+
+        One that was made again is looked at all the same: its own pass says what is in its way, and the claim that is
+        left is the sweep's.
+        """
+        while self._gone.get(ref):
+            last = self._gone[ref][0]
+            try:
+                await self._reconciler.forget(ref, last)
+            except (StorageError, SpecError) as error:
+                if self._cluster.fleet(ref) is None:
+                    raise
+                log.warning("%s: what an earlier one of this name left behind was not cleaned up: %s", ref, error)
+            self._gone[ref].remove(last)
+        self._gone.pop(ref, None)
 
     def _failed(self, ref: ObjectRef, error: Exception, pause_s: float) -> None:
         self._numbers.count(metrics.PASSES, result="error")
