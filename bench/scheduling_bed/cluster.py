@@ -66,7 +66,7 @@ class SmallCluster:
         self._cluster = cluster
         self._flight = flight
         self.target = target
-        self._sensors: dict[str, str] = {}
+        self._sensors: set[str] = set()
 
     @cached_property
     def room(self) -> Room:
@@ -80,12 +80,12 @@ class SmallCluster:
         self._cluster.apply(*priority_classes(), *_storage(self._flight.folder), *function_sources(self.target))
         self._cluster.apply(*(sensor_job(self.target, PATROL, agent) for agent in self._flight.agents))
         wait_for("the sensors", self._sensors_are_ready, _LIMIT_S, _EVERY_S)
-        self._sensors = {pod["metadata"]["uid"]: pod["spec"]["nodeName"] for pod in self._pods(_SENSOR)}
+        self._sensors = {pod["metadata"]["uid"] for pod in self._pods(_SENSOR)}
 
     def lost_sensors(self) -> int:
         """Sensors that were there at first and are not there any more, or that were started again."""
-        well = {pod["metadata"]["uid"] for pod in self._pods(_SENSOR) if _is_ready(pod) and not _restarts(pod)}
-        return len(set(self._sensors) - well)
+        well = {pod["metadata"]["uid"] for pod in self._pods(_SENSOR) if _runs_on(pod)}
+        return len(self._sensors - well)
 
     def run(self, terms: Sequence[AggregatorTerms], target: Target | None = None) -> Run:
         """Make the Jobs of these aggregators at once, and wait until all that are not suspended have done their work.
@@ -221,5 +221,6 @@ def _is_ready(pod: Manifest) -> bool:
     return any(one["type"] == "Ready" and one["status"] == "True" for one in conditions)
 
 
-def _restarts(pod: Manifest) -> int:
-    return sum(int(one["restartCount"]) for one in pod["status"].get("containerStatuses", ()))
+def _runs_on(pod: Manifest) -> bool:
+    restarts = sum(int(one["restartCount"]) for one in pod["status"].get("containerStatuses", ()))
+    return bool(pod["status"]["phase"] == "Running" and not restarts and "deletionTimestamp" not in pod["metadata"])

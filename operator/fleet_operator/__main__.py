@@ -12,6 +12,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 from fleet.errors import ExitCode, FleetError
@@ -34,6 +35,7 @@ log = logging.getLogger("fleet_operator")
 # Lists of thousands of objects are made and dropped all the time. With Python's own thresholds the collector looks
 # through all that is remembered again and again: it was two thirds of the time of a start with 23,000 Jobs.
 GC_THRESHOLDS = (50_000, 50, 100)
+_SPARE_THREADS = 4
 
 
 async def operate(config: Config, credentials: Credentials, build: Callable[[Connection], Reconciler]) -> ExitCode:
@@ -44,6 +46,8 @@ async def operate(config: Config, credentials: Credentials, build: Callable[[Con
     """
     numbers, stop = Metrics(), asyncio.Event()
     loop = asyncio.get_running_loop()
+    # A thread for each worker: storages that do not answer hold threads, and nobody else is to wait for these.
+    loop.set_default_executor(ThreadPoolExecutor(config.workers + _SPARE_THREADS))
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.set)
     connection = connect(

@@ -126,12 +126,12 @@ def test_a_hung_datanode_that_wakes_adds_nothing(
 def test_one_living_datanode_takes_nothing_as_it_could_keep_one_copy_only(
     storage: HdfsStorage, hdfs_cluster: HdfsCluster
 ) -> None:
-    storage.write("a", b"1")
-    keeper = next(iter(storage.locations("a")))
+    storage.write("kept/a", b"1")
+    keeper = next(iter(storage.locations("kept")))
     for index, host in enumerate(hdfs_cluster.hosts):
         if host != keeper:
             hdfs_cluster.stop_datanode(index)
     impatient = HdfsStorage(storage.address, patience_s=1.0)
     with pytest.raises(StorageUnavailable, match=r"is gone or cannot be reached|check the DataNode"):
-        impatient.write("a", b"2")
-    assert impatient.read("a") == b"1"
+        impatient.write("kept/a", b"2")
+    assert impatient.read("kept/a") == b"1"

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 WRITES = {"POST", "PUT", "PATCH", "DELETE"}
-_REDIRECTED = re.compile(r"/webhdfs/.*[?&]op=(CREATE|APPEND)\b", re.IGNORECASE)
+_REDIRECTED = re.compile(r"/webhdfs/.*[?&]op=(CREATE|APPEND)\b(?!.*&_via=)", re.IGNORECASE)
 _LEASES = "/apis/coordination.k8s.io/"
 _REASONS = {409: "Conflict", 429: "TooManyRequests", 500: "InternalError", 503: "ServiceUnavailable", 504: "Timeout"}
 

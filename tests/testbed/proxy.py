@@ -30,7 +30,8 @@ from tests.testbed.certificates import Authority
 from tests.testbed.faults import Fault, Moment, Write, is_write
 from tests.testbed.ports import Ports
 
-_VIA = "/_via/"
+_VIA = "_via="
+"""A parameter of the requests that a NameNode sends on: the DataNode. WebHDFS clients follow no other addresses."""
 _OF_ONE_CONNECTION = {"connection", "keep-alive", "transfer-encoding", "content-length", "host", "upgrade"}
 _START_S = 10.0
 
@@ -240,9 +241,8 @@ class Proxy:
             raise _Dropped
 
     def _target(self, path: str) -> str:
-        if path.startswith(_VIA):
-            return f"http://{path[len(_VIA) :]}"
-        return self.upstream + path
+        path, _, datanode = path.partition(f"&{_VIA}")
+        return f"http://{datanode}{path}" if datanode else self.upstream + path
 
     def _answered(self, got: aiohttp.ClientResponse, content: bytes) -> web.Response:
         """The server's answer, with the places that it names led through the proxy."""
@@ -258,8 +258,7 @@ class Proxy:
         parts = urlsplit(location)
         if parts.scheme != "http" or parts.netloc == urlsplit(self.url).netloc:
             return location
-        query = f"?{parts.query}" if parts.query else ""
-        return f"{self.url}{_VIA}{parts.netloc}{parts.path}{query}"
+        return f"{self.url}{parts.path}?{parts.query}&{_VIA}{parts.netloc}"
 
     async def _stream(self, request: web.Request, got: aiohttp.ClientResponse) -> web.StreamResponse:
         answer = web.StreamResponse(status=got.status, headers=_passed(got.headers))

@@ -105,6 +105,7 @@ BOMB = "\n".join([
         ("#" * 300_000, "bad.yaml: is larger than 256 KiB"),
         ("edge: {box: {idle: {power_w: " + "9" * 200_000 + "x}}}", "valid number, unable to parse string as a number"),
     ],
+    ids=["aliases", "deep", "large", "a long value"],
 )
 def test_a_small_file_that_means_much_is_refused_in_few_words(tmp_path: Path, content: str, message: str) -> None:
     (tmp_path / "bad.yaml").write_text(content)

@@ -95,6 +95,7 @@ def unpacked(paths: Any) -> dict[str, bytes]:
         (["d", "d/e"], "d/e: d is a file, and not the folder of d/e"),
         (["d/e/f.py", "d"], "d/e/f.py: d is a file, and not the folder of d/e/f.py"),
     ],
+    ids=lambda value: repr(value)[:30],
 )
 def test_a_path_that_no_file_can_have_is_refused(paths: list[str], message: str) -> None:
     with pytest.raises(SpecError) as caught:

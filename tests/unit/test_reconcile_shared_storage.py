@@ -41,7 +41,7 @@ def claim(run: Reconciled) -> Claim:
 
 
 def without_installation(run: Reconciled) -> None:
-    """The claim as version 0.1.0 wrote it."""
+    """The claim as it was written before claims said whose they are."""
     document = json.loads(run.storage.read(PATHS.claim))
     del document["installation"]
     run.storage.write(PATHS.claim, json.dumps(document).encode())

@@ -99,7 +99,7 @@ def test_files_outside_that_the_stored_fleetspec_names_are_not_read(
     assert "is not below the folder of the FleetSpec" in run.message("Degraded")
 
 
-@pytest.mark.parametrize("text", [b"[" * 200_000, b"{}", b"\xff", b"null"])
+@pytest.mark.parametrize("text", [b"[" * 200_000, b"{}", b"\xff", b"null"], ids=["deep", "empty", "no text", "null"])
 def test_a_fleetspec_that_is_none_is_told(run: Reconciled, text: bytes) -> None:
     run.storage.write(PATHS.fleet_spec, text)
     run.look()

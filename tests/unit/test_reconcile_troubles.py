@@ -305,6 +305,20 @@ def test_a_job_without_pods_says_why_kubernetes_makes_none(run: Reconciled) -> N
     assert run.conditions()["Degraded"] == ("True", "QuotaExceeded")
 
 
+def test_a_trouble_that_stays_is_looked_at_ever_more_rarely_and_told_all_the_time(run: Reconciled) -> None:
+    run.ask()
+    run.settle(until="Training")
+    run.cluster.warnings = {"plots-train": (("FailedCreate", 'pods "x" is forbidden: exceeded quota: small'),)}
+    run.cluster.clock.sleep(11.0)
+    began = len(run.cluster.calls)
+    for _ in range(60):
+        run.look()
+        assert run.conditions()["Degraded"] == ("True", "QuotaExceeded")
+        run.cluster.clock.sleep(5.0)
+    looks = [call for call in run.cluster.calls[began:] if call.startswith("complaints")]
+    assert len(looks) == 11  # after 0, 10 and 30 seconds, then every 30
+
+
 def test_aggregators_that_wait_for_each_other_are_no_trouble(run: Reconciled) -> None:
     run.ask()
     run.settle(until="Retraining")

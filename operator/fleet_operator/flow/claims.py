@@ -29,8 +29,8 @@ class Claim(Model):
     root: str = Field(description="The folder.")
     installation: str = Field(
         default="",
-        description="Of the operator that the FleetSpec belongs to: clusters may share a storage. Empty in claims of "
-        "version 0.1.0, of which only a FleetSpec with the same uid can say whose they are.",
+        description="Of the operator that the FleetSpec belongs to: clusters may share a storage. Empty in early "
+        "claims, of which only a FleetSpec with the same uid can say whose they are.",
     )
 
     @property

@@ -5,6 +5,7 @@ It is asked only for Jobs that are not ready for a while, so a fleet without tro
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -12,13 +13,16 @@ from fleet_operator.cluster.port import Cluster
 from fleet_operator.policy.status import Trouble
 from fleet_operator.policy.troubles import of_agents, of_aggregator, of_jobs_complaint, of_pod, of_pods_complaint
 from fleet_operator.reconcile.decide import Decided
-from fleet_operator.reconcile.note import Note
+from fleet_operator.reconcile.note import Looked, Note
 from fleet_operator.resources.refs import JOB, POD
 from fleet_operator.resources.roles import Role
 from fleet_operator.resources.views import JobState, JobView, NodeView, PodView
 
 PATIENCE_S = 10.0
 """How long a pod may take to start before somebody looks why."""
+FIRST_PAUSE_S = 10.0
+LONGEST_PAUSE_S = 30.0
+AT_ONCE = 2
 _MOST_COMPLAINTS = 3
 _MOST_TROUBLES = 3
 _WORDY = {"ImageMissing", "ConfigMissing"}
@@ -38,36 +42,69 @@ class Diagnosis:
     lost: tuple[JobView, ...] = ()
 
 
-async def diagnose(cluster: Cluster, decided: Decided, note: Note, now_s: float) -> Diagnosis:
-    """Look what is not as it should be with a fleet.
+class Diagnoser:
+    """Looks what is not as it should be with fleets.
 
-    Args:
-        note: Keeps what was said of a trouble: kubelets say it in other words at every look.
-
-    Raises:
-        ClusterError: the API server refuses.
+    The API server reads all Events of a namespace to find those of one Job. So when nothing changes, it is asked ever
+    more rarely; and when a thousand fleets wait, at most a few of them are looked at at the same time, and the others
+    go on with what they know.
     """
-    waiting = [
-        job
-        for job in decided.observed.seen.jobs.values()
-        if job.state is JobState.PENDING and not job.deleting and now_s - job.created_s > PATIENCE_S
-    ]
-    if not waiting or decided.step is None:
-        note.told = {}
-        return Diagnosis(tuple(_of_failed(decided)))
+
+    def __init__(self, cluster: Cluster) -> None:
+        self._cluster = cluster
+        self._places = asyncio.Semaphore(AT_ONCE)
+
+    async def diagnose(self, decided: Decided, note: Note, now_s: float) -> Diagnosis:
+        """Look what is not as it should be with a fleet.
+
+        Args:
+            note: Keeps what was found, and what was said of a trouble: kubelets say it in other words at every look.
+
+        Raises:
+            ClusterError: the API server refuses.
+        """
+        waiting = [
+            job
+            for job in decided.observed.seen.jobs.values()
+            if job.state is JobState.PENDING and not job.deleting and now_s - job.created_s > PATIENCE_S
+        ]
+        if not waiting or decided.step is None:
+            note.told, note.looked = {}, None
+            return Diagnosis(tuple(_of_failed(decided)))
+        silent = frozenset(node.name for node in decided.observed.seen.nodes if not node.ready)
+        at = (frozenset(job.uid for job in waiting), silent)
+        looked = note.looked if note.looked is not None and note.looked.at == at else None
+        if (looked is None or now_s >= looked.again_s) and not self._places.locked():
+            async with self._places:
+                found, lost = await _look(self._cluster, decided, waiting, now_s)
+            pause_s = FIRST_PAUSE_S if looked is None else min(2.0 * looked.pause_s, LONGEST_PAUSE_S)
+            looked = note.looked = Looked(at, found, lost, pause_s, now_s + pause_s)
+        if looked is None:
+            return Diagnosis(tuple(_of_failed(decided)))
+        return Diagnosis((*_worded(looked.found, decided, note), *_of_failed(decided)), looked.lost)
+
+
+async def _look(
+    cluster: Cluster, decided: Decided, waiting: Sequence[JobView], now_s: float
+) -> tuple[tuple[Trouble, ...], tuple[JobView, ...]]:
+    """Troubles, and Jobs that are lost."""
     by_job: dict[str, list[PodView]] = {}
     for pod in await cluster.pods(decided.observed.seen.ref):
         by_job.setdefault(pod.job, []).append(pod)
     lost = tuple(job for job in waiting if _is_lost(by_job.get(job.ref.name, []), decided.observed.seen.nodes))
     found = await _of_waiting(cluster, decided, [job for job in waiting if job not in lost], by_job, now_s)
-    if _goes_on(decided):
-        found = [replace(each, lasting=False) for each in found]
-    note.told = {each.reason: note.told.get(each.reason, each.message) for each in found if each.reason in _WORDY}
-    found = [replace(each, message=note.told.get(each.reason, each.message)) for each in found]
     gone = sorted({pod.node for job in lost for pod in _live(by_job[job.ref.name])})
     if gone:
         found.insert(0, Trouble("NodeLost", f"{', '.join(gone)} is gone; its pods are started on other machines"))
-    return Diagnosis((*found, *_of_failed(decided)), lost)
+    return tuple(found), lost
+
+
+def _worded(found: Sequence[Trouble], decided: Decided, note: Note) -> list[Trouble]:
+    """Troubles in the words in which they were told first; none lasts while something goes on."""
+    if _goes_on(decided):
+        found = [replace(each, lasting=False) for each in found]
+    note.told = {each.reason: note.told.get(each.reason, each.message) for each in found if each.reason in _WORDY}
+    return [replace(each, message=note.told.get(each.reason, each.message)) for each in found]
 
 
 def _is_lost(pods: Sequence[PodView], nodes: Sequence[NodeView]) -> bool:

@@ -9,8 +9,27 @@ from fleet.spec.resources import FleetSpec
 from fleet_operator.compiler.bundle import Bundle
 from fleet_operator.policy.status import Situation, Trouble
 from fleet_operator.reconcile.asked import Asked
+from fleet_operator.resources.views import JobView
 
 _DOCUMENTS = 2048
+
+
+@dataclass(frozen=True)
+class Looked:
+    """What a look at the pods of Jobs that are not ready found.
+
+    Args:
+        at: Which Jobs these were, and which machines were not ready.
+        found: Troubles.
+        lost: As in a diagnosis.
+        pause_s, again_s: How long that is taken for what there is; until then.
+    """
+
+    at: tuple[frozenset[str], frozenset[str]]
+    found: tuple[Trouble, ...]
+    lost: tuple[JobView, ...]
+    pause_s: float
+    again_s: float
 
 
 @dataclass
@@ -32,6 +51,7 @@ class Note:
         documents: Documents of missions by path: they never change.
         steps: Size and records of logs, by path.
         situation: That of the last pass.
+        looked: The last look at Jobs that are not ready.
         told: What was said of a trouble when it was first seen, by its reason.
         resized: The mission, and its aggregators that were over and that ran when these were last given their share.
         refused_resize: The mission in which it was last said that an aggregator may not be resized.
@@ -51,6 +71,7 @@ class Note:
     documents: dict[str, Model] = field(default_factory=dict)
     steps: dict[str, tuple[int, int]] = field(default_factory=dict)
     situation: Situation | None = None
+    looked: Looked | None = None
     told: dict[str, str] = field(default_factory=dict)
     refused_resize: int = 0
     without_storage_s: float | None = None

@@ -27,7 +27,7 @@ from fleet_operator.reconcile.claiming import possess
 from fleet_operator.reconcile.copies import FEWER_COPIES, Copies
 from fleet_operator.reconcile.decide import Again, Decided, decide
 from fleet_operator.reconcile.desire import desire
-from fleet_operator.reconcile.diagnose import diagnose
+from fleet_operator.reconcile.diagnose import Diagnoser
 from fleet_operator.reconcile.means import Means
 from fleet_operator.reconcile.note import Note
 from fleet_operator.reconcile.observe import observe
@@ -66,6 +66,7 @@ class FleetReconciler:
 
     def __init__(self, means: Means) -> None:
         self._means, self._cluster = means, means.cluster
+        self._diagnoser = Diagnoser(means.cluster)
         self._notes: dict[ObjectRef, Note] = {}
         self._copies = Copies()
 
@@ -178,7 +179,7 @@ class FleetReconciler:
         applied = await apply(self._cluster, desire(decided, placed))
         if isinstance(step, Retrain):
             await resize_running(self._cluster, decided, step.number, note)
-        diagnosis = await diagnose(self._cluster, decided, note, self._means.clock.now())
+        diagnosis = await self._diagnoser.diagnose(decided, note, self._means.clock.now())
         for job in diagnosis.lost:
             await self._cluster.delete(JOB, job.ref, job.uid)
         await self._tell(decided, note, diagnosis.troubles)
