@@ -39,10 +39,10 @@ class Patience:
         Args:
             at_least_s: What the server asks for.
         """
-        left = min(self._end - self._now(), left_s())
-        if left <= 0:
-            return False
+        left = self._end - self._now()
         pause = max(self._next_s * (0.5 + 0.5 * self._chance()), at_least_s)
+        if left <= 0 or min(pause, left) >= left_s():
+            return False
         self._sleep(min(pause, left))
         self._next_s = min(2 * self._next_s, self._most_s)
         return True

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 
 from fleet.clock import ManualClock
+from fleet.storage.limits import within
 from fleet.storage.patience import Patience
 
 
@@ -29,3 +30,10 @@ def test_the_server_is_given_the_time_that_it_asks_for() -> None:
 
 def test_without_patience_there_is_one_attempt() -> None:
     assert waits(0.0) == []
+
+
+def test_there_is_no_wait_beyond_which_the_process_may_not_go_on() -> None:
+    clock = ManualClock()
+    patience = Patience(60.0, 0.5, 4.0, now=clock.now, sleep=clock.sleep, chance=lambda: 1.0)
+    with within(1.0):
+        assert (patience.wait(), patience.wait(), clock.now()) == (True, False, 0.5)
