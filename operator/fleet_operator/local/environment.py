@@ -54,7 +54,7 @@ class Place:
             return self.address
         for mount in sorted(container.mounts, key=len, reverse=True):
             if value == mount or value.startswith(f"{mount}/"):
-                return f"{self.folders[container.mounts[mount]]}{value[len(mount) :]}"
+                return f"{self.folders[container.mounts[mount]].absolute()}{value[len(mount) :]}"
         for port in self.ports:
             value = re.sub(rf"(?<![\w.-])localhost(?=:{port}(?!\d))", self.address, value)
         for host in sorted(self.hosts, key=len, reverse=True):
