@@ -105,20 +105,23 @@ class Reflector:
 
         Args:
             listed: Told when the memory is right for the first time, or the scope was found to be forbidden.
-            lost: Told when the place in history is lost; that of other watches is lost then, too, as a rule.
+            lost: Told when it had to list again: other watches may have lost their place in history, too, and one whose
+                last object was deleted meanwhile says nothing of that.
         """
-        failures = 0
+        failures, known = 0, False
         while True:
             try:
                 if not self._version:
                     await self.resync()
                     listed()
+                    if known:
+                        lost()
+                    known = True
                 await self._watch()
                 failures = 0
             except Gone:
                 log.info("%s: the place in history is lost, listing again", self.scope)
                 self._version = ""
-                lost()
             except ClusterError as error:
                 failures += 1
                 self._failed(error, failures, listed)
