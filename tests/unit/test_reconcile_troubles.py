@@ -423,3 +423,23 @@ def test_aggregators_go_to_the_machines_that_hold_their_data(run: Reconciled) ->
         (100, ["edge1"]),
         (100, ["hub"]),
     ]
+
+
+@pytest.mark.parametrize(
+    ("message", "told"),
+    [
+        ('MountVolume.SetUp failed for volume "functions" : configmap "plots-functions" not found', "True"),
+        ('MountVolume.SetUp failed for volume "functions" : failed to sync configmap cache: timed out', "False"),
+    ],
+)
+def test_a_volume_that_is_not_there_is_told_and_one_that_a_kubelet_has_not_heard_of_yet_is_not(
+    run: Reconciled, message: str, told: str
+) -> None:
+    run.ask()
+    run.settle(until="Training")
+    trainer = pod("plots-train", phase="Pending", node="edge1")
+    run.cluster.pod_views = {"plots-train": (trainer,)}
+    run.cluster.warnings = {trainer.ref.name: (("FailedMount", message),)}
+    run.cluster.clock.sleep(11.0)
+    run.look()
+    assert run.conditions()["Degraded"][0] == told

@@ -18,6 +18,8 @@ _IMAGE = {"ErrImagePull", "ImagePullBackOff", "ErrImageNeverPull", "InvalidImage
 _CONFIG = {"CreateContainerConfigError", "CreateContainerError"}
 _FAILING = {"CrashLoopBackOff", "RunContainerError"}
 _NO_VOLUME = {"FailedMount", "FailedAttachVolume"}
+_NOT_YET = "failed to sync configmap cache"
+"""A kubelet that has not heard of a ConfigMap yet; it tries again at once, and says another thing if there is none."""
 _OF_STORAGE = (
     (StorageFull, "StorageFull"),
     (StorageReadOnly, "StorageReadOnly"),
@@ -48,7 +50,7 @@ def of_pod(job: str, pod: PodView, now_s: float) -> Trouble | None:
 
 def of_pods_complaint(job: str, reason: str, message: str) -> Trouble | None:
     """What an event about a pod means: that a volume cannot be mounted is told by an event only."""
-    if reason not in _NO_VOLUME:
+    if reason not in _NO_VOLUME or _NOT_YET in message:
         return None
     return Trouble("ConfigMissing", f"the pod of Job {job} cannot be set up ({reason}: {message})")
 
