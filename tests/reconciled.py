@@ -14,6 +14,7 @@ from fleet.storage.layout import FleetPaths
 from fleet.storage.local import LocalStorage
 from fleet.storage.port import Entry, Storage
 from fleet_operator.compiler.settings import Settings
+from fleet_operator.flow.claims import all_claims
 from fleet_operator.reconcile import FleetReconciler
 from fleet_operator.reconcile.means import Means
 from fleet_operator.resources.refs import FLEET_SPEC, Manifest, ObjectRef
@@ -117,6 +118,14 @@ class Reconciled:
         document = spec_document(**changes)
         document["metadata"]["namespace"] = REF.namespace
         self.cluster.put(document)
+
+    def has_data(self) -> bool:
+        """Whether anything of the fleet is in storage."""
+        return bool(self.storage.list(PATHS.root))
+
+    def claims(self) -> list[str]:
+        """Uids of the FleetSpecs that claim data."""
+        return [claim.uid for claim in all_claims(self.storage)]
 
     def look(self) -> None:
         """One pass."""

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from fleet.storage.layout import CLAIMS
-from fleet_operator.flow.claims import all_claims
 from fleet_operator.flow.stored import read_spec
 from fleet_operator.reconcile.claiming import data_uri
 from fleet_operator.resources.refs import FLEET_SPEC
@@ -22,14 +21,6 @@ def run(tmp_path: Path, quick_disk: None) -> Reconciled:
     return Reconciled(tmp_path)
 
 
-def stored(run: Reconciled) -> bool:
-    return bool(run.storage.list(PATHS.root))
-
-
-def claims(run: Reconciled) -> list[str]:
-    return [claim.uid for claim in all_claims(run.storage)]
-
-
 @pytest.mark.parametrize(("policy", "kept"), [({}, True), (DELETE, False)])
 def test_the_data_of_a_deleted_fleet_goes_or_stays_as_its_fleetspec_says(
     run: Reconciled, policy: dict[str, object], kept: bool
@@ -41,7 +32,7 @@ def test_the_data_of_a_deleted_fleet_goes_or_stays_as_its_fleetspec_says(
     run.look()
     assert run.later is None
     asyncio.run(run.reconciler.forget(REF, last))
-    assert (stored(run), claims(run)) == (kept, [])
+    assert (run.has_data(), run.claims()) == (kept, [])
     assert run.cluster.objects == {}
 
 
@@ -54,7 +45,7 @@ def test_what_was_deleted_while_nobody_looked_is_found_at_the_next_start(
     run.delete()
     run.restart()
     asyncio.run(run.reconciler.sweep({}))
-    assert (stored(run), claims(run)) == (kept, [])
+    assert (run.has_data(), run.claims()) == (kept, [])
 
 
 def test_a_sweep_touches_no_fleet_that_is_there(run: Reconciled) -> None:
@@ -62,7 +53,7 @@ def test_a_sweep_touches_no_fleet_that_is_there(run: Reconciled) -> None:
     run.settle(until="Flying")
     uid = run.body["metadata"]["uid"]
     asyncio.run(run.reconciler.sweep({REF: uid}))
-    assert (stored(run), claims(run)) == (True, [uid])
+    assert (run.has_data(), run.claims()) == (True, [uid])
 
 
 def test_fleets_of_another_operators_namespaces_are_none_of_its_business(run: Reconciled) -> None:
@@ -70,7 +61,7 @@ def test_fleets_of_another_operators_namespaces_are_none_of_its_business(run: Re
     run.settle(until="Flying")
     run.restart(namespaces=("elsewhere",))
     asyncio.run(run.reconciler.sweep({}))
-    assert stored(run)
+    assert run.has_data()
 
 
 def test_a_policy_that_changes_at_rest_counts(run: Reconciled) -> None:
@@ -80,7 +71,7 @@ def test_a_policy_that_changes_at_rest_counts(run: Reconciled) -> None:
     run.restart()
     run.settle()
     asyncio.run(run.reconciler.forget(REF, run.delete()))
-    assert not stored(run)
+    assert not run.has_data()
 
 
 def test_a_fleetspec_that_is_made_again_goes_on_from_the_data(run: Reconciled) -> None:
@@ -99,7 +90,7 @@ def test_a_mission_that_was_under_way_is_gone_on_with(run: Reconciled) -> None:
     run.delete()
     run.ask(missions={"count": 1})
     assert run.settle() == ["Weighing", "Done"]
-    assert claims(run) == [run.body["metadata"]["uid"]]
+    assert run.claims() == [run.body["metadata"]["uid"]]
 
 
 def test_data_of_a_fleet_with_other_agents_is_left_alone(run: Reconciled) -> None:
@@ -124,7 +115,7 @@ def test_data_that_its_owner_wanted_deleted_is_not_adopted(run: Reconciled) -> N
     run.ask(agents={"count": 3})
     run.settle(until="Training")
     asyncio.run(run.reconciler.forget(REF, last))
-    assert claims(run) == [run.body["metadata"]["uid"]]
+    assert run.claims() == [run.body["metadata"]["uid"]]
     assert run.settle()[-1] == "Done"
 
 
@@ -159,7 +150,7 @@ def test_what_is_no_claim_is_left_alone(run: Reconciled) -> None:
     run.storage.write(f"{CLAIMS}/default.plots.json", b'{"namespace": "default", "root": ""}')
     run.storage.write("default/plots/fleet.json", b"{}")
     asyncio.run(run.reconciler.sweep({}))
-    assert stored(run)
+    assert run.has_data()
 
 
 def test_a_fleetspec_that_is_on_its_way_out_is_left_alone(run: Reconciled) -> None:

@@ -22,14 +22,6 @@ def run(tmp_path: Path, quick_disk: None) -> Reconciled:
     return Reconciled(tmp_path)
 
 
-def stored(run: Reconciled) -> bool:
-    return bool(run.storage.list(PATHS.root))
-
-
-def claims(run: Reconciled) -> list[str]:
-    return [claim.uid for claim in all_claims(run.storage)]
-
-
 def everything(run: Reconciled) -> dict[str, bytes]:
     return {entry.path: run.storage.read(entry.path) for entry in run.storage.list("")}
 
@@ -53,7 +45,7 @@ def test_a_sweep_leaves_alone_what_another_cluster_may_use(run: Reconciled, inst
     run.settle(until="Flying")
     run.restart(installation=installation)
     asyncio.run(run.reconciler.sweep({}))
-    assert (stored(run), claims(run)) == (True, [run.body["metadata"]["uid"]])
+    assert (run.has_data(), run.claims()) == (True, [run.body["metadata"]["uid"]])
 
 
 @pytest.mark.parametrize("installation", ["here", ""])
@@ -64,7 +56,7 @@ def test_a_sweep_leaves_alone_what_does_not_say_whose_it_is(run: Reconciled, ins
     run.delete()
     run.restart(installation=installation)
     asyncio.run(run.reconciler.sweep({}))
-    assert (stored(run), len(claims(run))) == (True, 1)
+    assert (run.has_data(), len(run.claims())) == (True, 1)
 
 
 @pytest.mark.parametrize("before", ["there", ""])
@@ -130,7 +122,7 @@ def test_who_has_seen_a_fleetspec_go_settles_its_claim_though_that_does_not_say_
     run.settle(until="Flying")
     without_installation(run)
     asyncio.run(run.reconciler.forget(REF, run.delete()))
-    assert (stored(run), claims(run)) == (False, [])
+    assert (run.has_data(), run.claims()) == (False, [])
 
 
 def test_a_claim_in_anothers_place_counts_for_nothing(run: Reconciled) -> None:
@@ -164,7 +156,7 @@ def test_a_claim_that_cannot_be_settled_holds_up_no_other(run: Reconciled, caplo
     assert "default/a is gone, and its data cannot be seen to yet: no DataNode answers" in caplog.text
     run.before_storage = lambda call: None
     asyncio.run(run.reconciler.sweep({}))
-    assert claims(run) == []
+    assert run.claims() == []
 
 
 def test_a_claim_to_what_is_out_of_reach_holds_up_no_other(run: Reconciled) -> None:
@@ -189,5 +181,5 @@ def test_a_sweep_does_nothing_to_a_fleet_that_is_made_again_meanwhile(run: Recon
         await asyncio.gather(sweeping, run.reconciler.reconcile(REF))
 
     asyncio.run(sweep_and_pass())
-    assert claims(run) == [run.body["metadata"]["uid"]]
+    assert run.claims() == [run.body["metadata"]["uid"]]
     assert run.settle()[-1] == "Done"
