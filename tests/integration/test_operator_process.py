@@ -141,12 +141,11 @@ def test_an_operator_becomes_ready_works_and_gives_its_lease_back(
     make_fleet(plane, "first")
     assert seen(plane, "first") == {"by": "one", "generation": "1"}
     assert plane.get("fleet", "first", "-n", NAMESPACE)["status"]["phase"] == "Seen"
-
-    plane.kubectl("-n", NAMESPACE, "delete", "fleet", "first")
-    wait_for("the fleet is forgotten", lambda: "forget first of generation 1" in one.log)
     numbers = one.page("/metrics")[1].splitlines()
     assert {'fleet_operator_api_calls_total{code="201",verb="patch"} 1', "fleet_operator_leading 1"} <= {*numbers}
 
+    plane.kubectl("-n", NAMESPACE, "delete", "fleet", "first")
+    wait_for("the fleet is forgotten", lambda: "forget first of generation 1" in one.log)
     one.signal(signal.SIGTERM)
     assert one.end() == ExitCode.OK
     assert lease_of(plane, request)["holderIdentity"] == ""
