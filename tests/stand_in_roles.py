@@ -75,7 +75,8 @@ def serve(host: str, port: int) -> None:
 
 
 def ask(url: str) -> None:
-    for _ in range(100):
+    """Wait until a server answers; on a busy computer a container may take half a minute to start."""
+    for _ in range(1200):
         try:
             urllib.request.urlopen(f"{url}/healthz", timeout=5).read()
         except OSError:

@@ -21,9 +21,8 @@ _OF_THE_SERVER = {"resourceVersion", "managedFields", "creationTimestamp", "uid"
 # Hashes over what has the uid of the owner or the names of the run in it.
 _HASHES = {"fleetcomputer.io/applied", "fleetcomputer.io/order"}
 _PORTS = range(FIRST, LAST + 1)
-# How far a step was when it was told; when it is told depends on who was faster, and so does who counts: a part that
-# failed before is not waited for.
-_PROGRESS = re.compile(r"\b\d+ of \d+ (agent|aggregator)s?")
+# How far a step was when it was told; when it is told depends on who was faster.
+_PROGRESS = re.compile(r"\b\d+ of (?=\d+ )")
 # Steps that come and go: one that went by while no operator looked is not told.
 _PASSING = {"Training", "Retraining", "Weighing", "Flying"}
 # Troubles of a step are told together; one that came and went while no operator looked is not told.
@@ -90,7 +89,7 @@ def _events(events: Iterable[Manifest], namespace: str) -> frozenset[tuple[str, 
             each["type"],
             each["reason"],
             f"{each['involvedObject']['kind']}/{each['involvedObject']['name']}",
-            _PROGRESS.sub(r"some \1s", _text(each["message"], namespace)),
+            _PROGRESS.sub("some of ", _text(each["message"], namespace)),
         )
         for each in ours
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from fleet.aggregation.subsets import subsets_for
@@ -46,10 +47,10 @@ class Observer:
         """
 
         def due(number: int) -> frozenset[str]:
-            wanted = {each.subset for each in self.terms(number) if each.level > 0}
-            return frozenset(wanted - set(given_up.get(number, ())))
+            return frozenset(each.subset for each in self.terms(number) if each.level > 0)
 
-        return read_records(self._storage, self._paths).progress(self._application.fleet, due, broken)
+        reached = read_records(self._storage, self._paths).progress(self._application.fleet, due, broken)
+        return replace(reached, given_up=frozenset(given_up.get(len(reached.missions), ())))
 
     def terms(self, number: int) -> tuple[AggregatorTerms, ...]:
         """Level and share of each aggregator after a mission."""

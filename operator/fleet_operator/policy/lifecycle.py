@@ -62,7 +62,7 @@ class MissionProgress:
         landed: Agents whose landing.json is there.
         failed: Those of them that failed.
         evaluated: Its evaluation.json is there.
-        due: Subsets whose aggregators are to run after it: of a level above 0, not pruned, not given up.
+        due: Subsets whose aggregators are to run after it: of a level above 0, not pruned.
         retrained: Subsets whose retraining report is there.
         weighed: The weights of the next mission are there.
         ended_s: When it was evaluated, on the same clock as `Progress.now_s`; None when that is not known.
@@ -86,6 +86,7 @@ class Progress:
         prepared: The FleetSpec and all contexts are in storage.
         trained: The reward and the initial model are in storage.
         missions: Missions 1, 2, ... as far as there is anything of them.
+        given_up: Subsets whose aggregators failed for good after the mission that is under way: not waited for.
         broken: Why a role that all else waits for can never go on; "" when none is broken.
         now_s: The time.
     """
@@ -93,6 +94,7 @@ class Progress:
     prepared: bool = False
     trained: bool = False
     missions: tuple[MissionProgress, ...] = ()
+    given_up: frozenset[str] = frozenset()
     broken: str = ""
     now_s: float = 0.0
 
@@ -187,13 +189,13 @@ def next_step(course: Course, progress: Progress) -> Step:
     if not progress.trained:
         return Train()
     for number, mission in enumerate(progress.missions, start=1):
-        step = _mission_step(course, number, mission)
+        step = _mission_step(course, number, mission, progress.given_up)
         if step is not None:
             return step
     return _next_mission(course, progress)
 
 
-def _mission_step(course: Course, number: int, mission: MissionProgress) -> Step | None:
+def _mission_step(course: Course, number: int, mission: MissionProgress, given_up: frozenset[str]) -> Step | None:
     """What a mission still needs; None when it is over."""
     if not mission.ordered:
         return Suspended(number) if course.suspended else Order(number)
@@ -202,7 +204,7 @@ def _mission_step(course: Course, number: int, mission: MissionProgress) -> Step
         return Fly(number, flying or course.agents[:1])
     if mission.failed.issuperset(course.agents):
         return Failed(f"every agent failed in mission {number}; see their landing.json")
-    missing = mission.due - mission.retrained
+    missing = mission.due - mission.retrained - given_up
     if missing and number % course.retrain_every == 0 and not mission.weighed:
         return Retrain(number, tuple(sorted(missing)))
     return None if mission.weighed else Weigh(number)

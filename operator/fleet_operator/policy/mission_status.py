@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from fleet.missions.documents import MissionEvaluation
 from fleet.spec.resources import AgentProgress, MissionStatus
 from fleet_operator.policy.lifecycle import MissionProgress
-from fleet_operator.policy.sentences import counted, evaluation_text, goals_count, share
+from fleet_operator.policy.sentences import counted, evaluation_text, goals_count, retraining_text, share
 from fleet_operator.resources.conditions import Finding, MissionCondition, conditions_of, no, shortened, unknown, yes
 
 PENDING, FLYING, RETRAINING, SUCCEEDED, FAILED = "Pending", "Flying", "Retraining", "Succeeded", "Failed"
@@ -125,7 +125,7 @@ def _text(situation: MissionSituation, phase: str) -> str:
         case "Succeeded":
             return "it was flown and evaluated, and what was learned from it is there"
         case "Retraining":
-            return f"{len(progress.retrained)} of {counted(len(progress.due), 'aggregator')} have reported"
+            return retraining_text(progress)
         case "Flying":
             return f"{len(progress.landed)} of {counted(len(situation.agents), 'agent')} have landed"
         case _:

@@ -38,9 +38,8 @@ def step_text(step: Step, progress: Progress, shaped: bool) -> str:  # noqa: PLR
             return f"mission {number} is being ordered"
         case Fly(number=number, agents=agents):
             return _flight_text(number, agents, _mission(progress, number))
-        case Retrain(number=number, subsets=subsets):
-            due = max(len(subsets), len(_mission(progress, number).due))
-            return f"mission {number}: {due - len(subsets)} of {counted(due, 'aggregator')} have reported"
+        case Retrain(number=number):
+            return f"mission {number}: {retraining_text(_mission(progress, number))}"
         case Weigh(number=number):
             return f"mission {number}: the models are being weighed"
         case Wait(number=number, until_s=until_s):
@@ -52,6 +51,11 @@ def step_text(step: Step, progress: Progress, shaped: bool) -> str:  # noqa: PLR
         case Done(missions=missions):
             return f"{counted(missions, 'mission')} {'was' if missions == 1 else 'were'} flown"
     assert_never(step)
+
+
+def retraining_text(mission: MissionProgress) -> str:
+    """How many aggregators have reported, of all that are to run; those that were given up never will."""
+    return f"{len(mission.retrained)} of {counted(len(mission.due), 'aggregator')} have reported"
 
 
 def evaluation_text(evaluation: MissionEvaluation) -> str:

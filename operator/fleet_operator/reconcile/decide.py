@@ -70,9 +70,7 @@ def decide(observed: Observed, now_s: float) -> Decided:
     plan = _plan(observed, under_way)
 
     def due(number: int) -> frozenset[str]:
-        return frozenset(
-            each.subset for each in observed.terms(number) if each.level > 0 and each.subset not in given_up
-        )
+        return frozenset(each.subset for each in observed.terms(number) if each.level > 0)
 
     course = Course.of((observed.asked.flown or observed.flown).fleet)
     reached = observed.records.progress(observed.flown.fleet, due, _broken(observed, under_way) or plan.broken)
@@ -81,6 +79,7 @@ def decide(observed: Observed, now_s: float) -> Decided:
         prepared=_prepared(observed, reached, under_way),
         trained=reached.trained and observed.subsets is not None,
         missions=_with_ends(observed, reached.missions, course, now_s),
+        given_up=frozenset(given_up),
         now_s=now_s,
     )
     step = next_step(course, progress)
