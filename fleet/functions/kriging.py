@@ -6,17 +6,16 @@ Rasmussen and Williams 2006, Gaussian Processes for Machine Learning, equation 4
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
+from types import ModuleType
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import irfft2, next_fast_len, rfft2
-from scipy.spatial import cKDTree
 
 from fleet.contexts.grid import Grid
-
-Values = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from fleet.functions import local_kriging
+from fleet.functions.local_kriging import Flags, Places, Values
 
 NEIGHBOURS = 8
 """Captured cells that predict a cell; on the fields of bench/extrapolation.py more are slower and no better."""
@@ -24,6 +23,8 @@ _FEW = 12
 """With fewer captured cells a variogram means nothing, and DEFAULT is used."""
 _LENGTHS = np.geomspace(0.7, 24.0, 16)
 """Length scales that are tried, in cells."""
+_PATIENCE = 300_000
+"""Cells that a process predicts with numpy before it loads the compiled form, which costs as much time as they took."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +73,7 @@ def krige(values: Values, grid: Grid) -> Prediction:
     if variogram.variance == 0.0:
         filled[wanted] = centre
         return Prediction(filled, deviation)
-    expected, deviation[wanted] = _predict(filled - centre, known, wanted, grid, variogram)
+    expected, deviation[wanted] = predict(filled - centre, known, wanted, grid, variogram)
     filled[wanted] = expected + centre
     return Prediction(filled, deviation)
 
@@ -145,32 +146,59 @@ def matern32(scaled: Values) -> Values:
     return np.asarray((1.0 + steps) * np.exp(-steps))
 
 
-def _predict(values: Values, known: Flags, wanted: Flags, grid: Grid, variogram: Variogram) -> tuple[Values, Values]:
-    """Ordinary kriging from the nearest captured cells of every wanted cell, all systems solved at once.
+def predict(values: Values, known: Flags, wanted: Flags, grid: Grid, variogram: Variogram) -> tuple[Values, Values]:
+    """Ordinary kriging from the 8 nearest captured cells; of equally near ones from those with the lower number.
+
+    Args:
+        values: [rows, columns], about 0.
+        known: Captured cells, at least one.
+        wanted: Cells that are predicted.
 
     Returns:
         Expected value and standard deviation of each wanted cell, [wanted].
     """
-    cell = np.array([grid.cell_height_m, grid.cell_width_m])
-    sources, targets = np.argwhere(known), np.argwhere(wanted)
-    count = min(NEIGHBOURS, len(sources))
-    _, near = cKDTree(sources * cell).query(targets * cell, k=count)
-    near = near.reshape(len(targets), count)
-    table = _covariances(grid, variogram)
-    at = sources[near]
-    system = np.ones((len(targets), count + 1, count + 1))
-    lag = np.abs(at[:, :, None, :] - at[:, None, :, :])
-    system[:, :count, :count] = table[lag[..., 0], lag[..., 1]]
-    diagonal = np.arange(count)
-    system[:, diagonal, diagonal] = 1.0 + 1e-9
-    system[:, count, count] = 0.0
-    to = np.abs(at - targets[:, None, :])
-    right = np.ones((len(targets), count + 1))
-    right[:, :count] = table[to[..., 0], to[..., 1]]
-    weights = np.linalg.solve(system, right[:, :, None])[:, :, 0]
-    share = np.maximum(1.0 - (weights * right).sum(axis=1), 0.0)
-    expected = (weights[:, :count] * values[known][near]).sum(axis=1)
-    return np.asarray(expected), np.sqrt(share * variogram.variance)
+    form = _form(int(np.count_nonzero(wanted)))
+    targets = np.flatnonzero(wanted).astype(np.int32)
+    near = form.nearest(known, targets, grid, min(NEIGHBOURS, int(np.count_nonzero(known))))
+    expected, share = form.solve(near, targets, values.reshape(-1), places_of(grid, variogram))
+    return expected, np.sqrt(share * variogram.variance)
+
+
+def prepare_for_many() -> bool:
+    """Load the compiled form now, for a process that will make many maps.
+
+    Returns:
+        Whether there is one: numba may be missing, and then maps take longer and are the same.
+    """
+    return _compiled() is not None
+
+
+class _Predicted:
+    """How many cells this process has predicted."""
+
+    cells = 0
+
+
+def _form(cells: int) -> ModuleType:
+    """What predicts so many cells: numpy at first; both forms give the same bits."""
+    _Predicted.cells += cells
+    late = _Predicted.cells > _PATIENCE or _compiled.cache_info().currsize
+    return (_compiled() if late else None) or local_kriging
+
+
+@functools.cache
+def _compiled() -> ModuleType | None:
+    try:
+        from fleet.functions import compiled_kriging  # noqa: PLC0415 - numba loads where many maps are made
+    except ImportError:  # images of users' functions are without numba
+        return None
+    return compiled_kriging
+
+
+def places_of(grid: Grid, variogram: Variogram) -> Places:
+    """Where the cells of a grid are, and how alike they are."""
+    rows, columns = np.divmod(np.arange(grid.cells, dtype=np.int32), np.int32(grid.columns))
+    return Places(rows, columns, (grid.cell_height_m / grid.cell_width_m) ** 2, _covariances(grid, variogram))
 
 
 def _covariances(grid: Grid, variogram: Variogram) -> Values:

@@ -1,4 +1,4 @@
-"""The compiled form of the simulator; the only module that imports numba.
+"""The compiled form of the simulator.
 
 What makes it fast, by measurement:
 - A flight runs alone to its end: its state stays in registers and in the nearest cache.
@@ -11,19 +11,18 @@ What makes it fast, by measurement:
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from llvmlite import ir
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from fleet.compiled import instruction as _instruction
+from fleet.compiled import part as _part
+from fleet.compiled import program as _program
 from fleet.randomness import GOLDEN_GAMMA, MIX_1, MIX_2
 from fleet.simulator.arrays import WORD_BITS
 
-_F = TypeVar("_F", bound=Callable[..., Any])
 _int: Any = np.int64  # Any: numba's integers are not numpy's to a type checker
 _word: Any = np.uint64
 _GAMMA, _MIX_1, _MIX_2 = _word(GOLDEN_GAMMA), _word(MIX_1), _word(MIX_2)
@@ -35,29 +34,6 @@ _COUNT = np.array([len(moves) for moves in _LEGAL], dtype=np.uint8)
 """Number of legal moves."""
 _NTH = np.array([moves + [0] * (8 - len(moves)) for moves in _LEGAL], dtype=np.uint8)
 """The n-th legal move."""
-
-
-def _program(function: _F) -> _F:
-    """Compile an entry of the kernel.
-
-    Arrays belong to the caller, so nothing here counts references to them (`_nrt`): a count is an atomic operation and
-    costs more than a step.
-    """
-    options: dict[str, Any] = {"nogil": True, "_nrt": False}
-    try:
-        return cast(_F, numba.njit(cache=True, **options)(function))
-    except RuntimeError:  # neither the package's folder nor the user's cache can be written: each process compiles
-        return cast(_F, numba.njit(**options)(function))
-
-
-def _part(function: _F) -> _F:
-    """Make a function a part of the programs that call it: a real call would pass a flight's state through memory."""
-    return cast(_F, numba.njit(inline="always")(function))
-
-
-def _instruction(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Make a generator of processor instructions callable from the kernel."""
-    return cast(Callable[..., Any], intrinsic(function))
 
 
 class Scratch(NamedTuple):
