@@ -65,16 +65,9 @@ def krige(values: Values, grid: Grid) -> Prediction:
     filled = np.where(known, values, np.nan)
     deviation = np.where(grid.valid, 0.0, np.nan)
     wanted = grid.valid & ~known
-    found = filled[known]
-    if not len(found) or not wanted.any():
+    if not known.any() or not wanted.any():
         return Prediction(filled, deviation)
-    centre = float(np.median(found))
-    variogram = fit(filled - centre, known, grid)
-    if variogram.variance == 0.0:
-        filled[wanted] = centre
-        return Prediction(filled, deviation)
-    expected, deviation[wanted] = predict(filled - centre, known, wanted, grid, variogram)
-    filled[wanted] = expected + centre
+    filled[wanted], deviation[wanted] = predict(filled, known, wanted, grid, fit(filled, known, grid))
     return Prediction(filled, deviation)
 
 
@@ -150,7 +143,7 @@ def predict(values: Values, known: Flags, wanted: Flags, grid: Grid, variogram: 
     """Ordinary kriging from the 8 nearest captured cells; of equally near ones from those with the lower number.
 
     Args:
-        values: [rows, columns], about 0.
+        values: [rows, columns].
         known: Captured cells, at least one.
         wanted: Cells that are predicted.
 

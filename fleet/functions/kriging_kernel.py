@@ -7,11 +7,21 @@ is allocated.
 
 from __future__ import annotations
 
-from math import sqrt
+from math import erf, exp, pi, sqrt
 from typing import Any
+
+import numpy as np
 
 from fleet.compiled import part, program
 from fleet.functions.local_kriging import LEAST_PIVOT, NEAR_ONE
+
+TILE = 16
+"""Cells along the side of a tile: a captured cell is held against the widest reach of each tile first."""
+_END, _KNOTS_PER_UNIT = 8.5, 32
+"""The normal distribution is tabulated from -8.5 to 8.5 deviations, beyond which it is 0 or 1 in floating point."""
+_KNOTS = np.arange(int(2 * _END * _KNOTS_PER_UNIT) + 1) / _KNOTS_PER_UNIT - _END
+_NORMAL = np.array([0.5 * (1.0 + erf(knot / sqrt(2.0))) for knot in _KNOTS])
+_DENSITY = np.array([exp(-knot * knot / 2.0) / sqrt(2.0 * pi) for knot in _KNOTS])
 
 
 @part
@@ -23,11 +33,12 @@ def expect(near: Any, count: Any, target: Any, values: Any, places: Any, factor:
         factor: For intermediate results, float64 [count, count + 4].
     """
     row, column, _, covariance = places
+    base = values[near[0]]
     yy, zy, zz, yv, zv = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(count):
         place = near[i]
         y = covariance[abs(row[place] - row[target]), abs(column[place] - column[target])]
-        z, v, pivot = 1.0, values[place], NEAR_ONE
+        z, v, pivot = 1.0, values[place] - base, NEAR_ONE
         for j in range(i):
             x = covariance[abs(row[place] - row[near[j]]), abs(column[place] - column[near[j]])]
             for k in range(j):
@@ -49,7 +60,7 @@ def expect(near: Any, count: Any, target: Any, values: Any, places: Any, factor:
         yv += y * v
         zv += z * v
     multiplier = (zy - 1.0) / zz
-    return yv - multiplier * zv, max(1.0 - yy + multiplier * (zy - 1.0), 0.0)
+    return base + (yv - multiplier * zv), max(1.0 - yy + multiplier * (zy - 1.0), 0.0)
 
 
 @part
@@ -108,3 +119,147 @@ def solve(near: Any, targets: Any, values: Any, places: Any, factor: Any, found:
     """As `local_kriging.solve`, into `found`, float64 [2, targets]; `factor` as for `expect`."""
     for index in range(len(targets)):
         found[0, index], found[1, index] = expect(near[index], near.shape[1], targets[index], values, places, factor)
+
+
+@part
+def _apart(places: Any, first: Any, second: Any) -> Any:
+    """Squared distance of two cells, as `local_kriging.squared_distance`."""
+    rows = np.int64(places.row[first]) - places.row[second]
+    columns = np.int64(places.column[first]) - places.column[second]
+    return rows * rows * places.aspect + columns * columns
+
+
+@part
+def _insert(belief: Any, cell: Any, captured: Any, apart: Any) -> None:
+    """Put a captured cell among a cell's neighbours, which are in order of distance, and then of number."""
+    near, places = belief.near, belief.places
+    count = near.shape[1]
+    at = min(belief.captured[0], count - 1)
+    while at > 0:
+        other = near[cell, at - 1]
+        distance = _apart(places, cell, other)
+        if distance < apart or (distance == apart and other < captured):
+            break
+        near[cell, at] = other
+        at -= 1
+    near[cell, at] = captured
+    if belief.captured[0] >= count - 1:
+        belief.reach[cell] = _apart(places, cell, near[cell, count - 1])
+
+
+@part
+def _reach_tile(belief: Any, tile: Any, captured: Any, changed: Any) -> Any:
+    """Tell the cells of a tile of a captured cell; the number of cells that have changed so far."""
+    reach, near, marked = belief.reach, belief.near, belief.marked
+    rows, columns = belief.places.covariance.shape
+    top, left = tile[0] * TILE, tile[1] * TILE
+    widest, last = -1.0, near.shape[1] - 1
+    for row in range(top, min(top + TILE, rows)):
+        for cell in range(row * columns + left, row * columns + min(left + TILE, columns)):
+            if reach[cell] < 0.0:
+                continue
+            apart = _apart(belief.places, cell, captured)
+            if apart < reach[cell] or (apart == reach[cell] and captured < near[cell, last]):
+                _insert(belief, cell, captured, apart)
+                if not marked[cell]:
+                    marked[cell] = True
+                    belief.changed[changed] = cell
+                    changed += 1
+            widest = max(widest, reach[cell])
+    belief.widest[tile] = widest
+    return changed
+
+
+@part
+def _beyond(place: Any, tile: Any) -> Any:
+    """How many rows or columns a place is outside of a tile."""
+    return max(np.int64(tile * TILE - place), np.int64(place - (tile * TILE + TILE - 1)), np.int64(0))
+
+
+@part
+def take_in(belief: Any, cell: Any, value: Any, changed: Any) -> Any:
+    """Capture a cell: it becomes a neighbour of all cells to which it is near enough; the number of changed cells.
+
+    A cell that is captured or has no data stays as it is.
+    """
+    if belief.reach[cell] < 0.0 or not np.isfinite(value):
+        return changed
+    places, widest = belief.places, belief.widest
+    belief.total[0] += value - belief.mean[cell]
+    belief.values[cell] = value
+    belief.mean[cell] = value
+    belief.deviation[cell] = 0.0
+    belief.reach[cell] = -1.0
+    for row in range(widest.shape[0]):
+        down = _beyond(places.row[cell], row)
+        for column in range(widest.shape[1]):
+            right = _beyond(places.column[cell], column)
+            if down * down * places.aspect + right * right <= widest[row, column]:
+                changed = _reach_tile(belief, (row, column), cell, changed)
+    belief.captured[0] += 1
+    return changed
+
+
+@part
+def settle(belief: Any, changed: Any) -> None:
+    """Predict the cells that have changed anew."""
+    count = min(belief.captured[0], belief.near.shape[1])
+    for index in range(changed):
+        cell = belief.changed[index]
+        belief.marked[cell] = False
+        if belief.reach[cell] >= 0.0:
+            expected, share = expect(belief.near[cell], count, cell, belief.values, belief.places, belief.factor)
+            belief.total[0] += expected - belief.mean[cell]
+            belief.mean[cell] = expected
+            belief.deviation[cell] = sqrt(share * belief.variance)
+
+
+@program
+def observe(belief: Any, cells: Any, values: Any) -> Any:
+    """Capture cells, and list in `belief.changed` those that `settle` is to predict anew; their number."""
+    changed = 0
+    for index in range(len(cells)):
+        changed = take_in(belief, cells[index], values[index], changed)
+    return changed
+
+
+@program
+def predict_changed(belief: Any, changed: Any) -> None:
+    """As `settle`."""
+    settle(belief, changed)
+
+
+@part
+def below(bound: Any, mean: Any, deviation: Any) -> Any:
+    """Probability that a value is at most a bound, to 1e-12: the normal distribution, by Taylor's series at a knot."""
+    if deviation == 0.0:
+        return 1.0 if mean <= bound else 0.0
+    x = min(max((bound - mean) / deviation, -_END), _END)
+    knot = np.int64((x + _END) * _KNOTS_PER_UNIT + 0.5)
+    at = knot / _KNOTS_PER_UNIT - _END
+    h, square = x - at, at * at
+    series = (square * (square - 6.0) + 3.0) * (h / 5.0)
+    series = (series - at * (square - 3.0)) * (h / 4.0)
+    series = (series + square - 1.0) * (h / 3.0)
+    series = (series - at) * (h / 2.0)
+    return _NORMAL[knot] + _DENSITY[knot] * h * (1.0 + series)
+
+
+@program
+def class_probabilities(belief: Any, bounds: Any, found: Any) -> None:
+    """Probability of each class of each cell.
+
+    Args:
+        bounds: Upper bounds of all classes but the last, ascending, float64 [classes - 1].
+        found: Result, float64 [classes, cells].
+    """
+    for cell in range(len(belief.mean)):
+        mean, deviation, before = belief.mean[cell], belief.deviation[cell], 0.0
+        if np.isnan(mean):
+            found[:, cell] = np.nan
+            continue
+        for number in range(len(bounds)):
+            share = below(bounds[number], mean, deviation)
+            found[number, cell] = share - before
+            before = share
+        found[len(bounds), cell] = 1.0 - before

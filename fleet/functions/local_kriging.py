@@ -83,8 +83,8 @@ def solve(near: Cells, targets: Cells, values: Values, places: Places) -> tuple[
     """Expected value of each target, and its variance as a share of the field's.
 
     By Cholesky's factor L of the neighbours' covariances: with y, z and v the solutions of L x = covariances with the
-    target, ones, and values, the multiplier of Lagrange is m = (z y - 1) / z z, the expected value (y - m z) v, and the
-    variance 1 - y y + m (z y - 1).
+    target, ones, and values above that of the nearest neighbour, the multiplier of Lagrange is m = (z y - 1) / z z, the
+    expected value above that (y - m z) v, and the variance 1 - y y + m (z y - 1).
 
     Args:
         near: Neighbours of each target, [targets, count].
@@ -106,7 +106,8 @@ def _solve(near: Cells, targets: Cells, values: Values, places: Places) -> tuple
     sides = np.empty((3, count, len(targets)))
     sides[0] = places.covariance[np.abs(row - places.row[targets]), np.abs(column - places.column[targets])]
     sides[1] = 1.0
-    sides[2] = values[near]
+    base = values[near[0]]
+    sides[2] = values[near] - base
     for k in range(count):
         scale = 1.0 / np.sqrt(np.maximum(factor[k, k], LEAST_PIVOT))
         factor[k + 1 :, k] *= scale
@@ -117,7 +118,7 @@ def _solve(near: Cells, targets: Cells, values: Values, places: Places) -> tuple
     y, z, v = sides
     yy, zy, zz, yv, zv = (_dot(*pair) for pair in ((y, y), (z, y), (z, z), (y, v), (z, v)))
     multiplier = (zy - 1.0) / zz
-    return yv - multiplier * zv, np.maximum(1.0 - yy + multiplier * (zy - 1.0), 0.0)
+    return base + (yv - multiplier * zv), np.maximum(1.0 - yy + multiplier * (zy - 1.0), 0.0)
 
 
 def _dot(first: Values, second: Values) -> Values:

@@ -8,7 +8,7 @@ ELSEWHERE = {
     # The report and the commands of people, and models that need an image of one's own.
     "runtime": ("fleet.report", "fleet.cli.reporting", "fleet.learning.deep", "fleet.simulator.parallel_env"),
     # What needs numba, which has no place there: maps are made by numpy.
-    "function": ("fleet.functions.compiled_kriging", "fleet.functions.kriging_kernel"),
+    "function": ("fleet.functions.compiled_kriging", "fleet.functions.kriging_kernel", "fleet.functions.belief"),
     # The run on one machine, and the commands of people.
     "operator": ("fleet_operator.local", "fleet_operator.flow.commands"),
 }
