@@ -10,10 +10,7 @@ platform's agents capture them. Accuracy and error are over all cells with data,
 from __future__ import annotations
 
 import argparse
-import csv
 import json
-import math
-import os
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -26,7 +23,8 @@ from numpy.typing import NDArray
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from fleet.contexts.base import Environment  # noqa: E402  # runs from a checkout too
+from bench.scouting.fields import AIMED, field  # noqa: E402  # runs from a checkout too
+from fleet.contexts.base import Environment  # noqa: E402
 from fleet.contexts.grid import Grid  # noqa: E402
 from fleet.functions.classes import class_mean, likely_values  # noqa: E402
 from fleet.functions.evaluation import truth_metrics  # noqa: E402
@@ -72,10 +70,11 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--json", type=Path, help="append the results to this file")
     arguments = parser.parse_args()
-    data = Path(os.environ.get("FLEET_DATA", ROOT.parent / "shared" / "data"))
-    if not data.is_dir():
-        sys.exit(f"the real data is not at {data}; set FLEET_DATA to its folder")
-    rows = [row for environment in fields(data) for row in compare(environment, arguments.seeds)]
+    try:
+        environments = [field(name).environment for name in AIMED]
+    except FileNotFoundError as error:
+        sys.exit(str(error))
+    rows = [row for environment in environments for row in compare(environment, arguments.seeds)]
     print_table(rows)
     if arguments.json:
         save(arguments.json, rows)
@@ -138,43 +137,6 @@ def walk(window: NDArray[np.bool_], wanted: int, generator: np.random.Generator,
             return
         row, column = beside[generator.integers(len(beside))]
         captured[row, column] = True
-
-
-def fields(data: Path) -> Iterator[Environment]:
-    for date in ("2018-06-01", "2018-08-02", "2018-09-16"):
-        yield corn(data / "corn-cube" / f"{date}.csv", date)
-    yield gartner(data / "yield" / "gartner.corn.txt")
-
-
-def corn(path: Path, name: str) -> Environment:
-    with path.open(newline="") as file:
-        rows = [(int(row["row"]), int(row["col"]), float(row["exg"])) for row in csv.DictReader(file)]
-    cells = np.array([row[:2] for row in rows])
-    return average(name, cells, np.array([row[2] for row in rows]), (56, 44), (11.9, 8.9))
-
-
-def gartner(path: Path) -> Environment:
-    with path.open(newline="") as file:
-        points = [
-            (float(row["lat"]), float(row["long"]), float(row["mass"])) for row in csv.DictReader(file, delimiter="\t")
-        ]
-    lat, lon, mass = np.array(points).T
-    north = (lat - lat.min()) * 111_320.0
-    east = (lon - lon.min()) * 111_320.0 * math.cos(math.radians(float(lat.mean())))
-    cells = np.stack((north // 10, east // 10), axis=1).astype(int)
-    shape = (int(cells[:, 0].max()) + 1, int(cells[:, 1].max()) + 1)
-    return average("gartner", cells, mass, shape, (10.0, 10.0))
-
-
-def average(
-    name: str, cells: NDArray[np.int64], values: NDArray[np.float64], shape: tuple[int, int], size: tuple[float, float]
-) -> Environment:
-    """Mean of the values in each cell."""
-    numbers = cells[:, 0] * shape[1] + cells[:, 1]
-    count = np.bincount(numbers, minlength=shape[0] * shape[1])
-    total = np.bincount(numbers, values, minlength=shape[0] * shape[1])
-    truth = np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(shape)
-    return Environment(name, "", Grid(np.isfinite(truth), *size), "value", truth)
 
 
 def print_table(rows: list[Row]) -> None:

@@ -41,7 +41,7 @@ from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from bench.measure import Result
-from bench.scouting import AGENTS, ENERGY, FEATURES, Outcome, World, alone, objective, shaken, trained, world_of
+from bench.missions import AGENTS, ENERGY, FEATURES, Outcome, World, alone, objective, shaken, trained, world_of
 from fleet.aggregation.retrain import retrain
 from fleet.aggregation.subsets import Subset, subsets_for
 from fleet.learning.model import SAModel

@@ -1,0 +1,1 @@
+"""Which plan scouts a field best: fields, rivals, a judge and statistics; run it with `python -m bench.scouting`."""

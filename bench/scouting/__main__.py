@@ -1,0 +1,74 @@
+"""Which plan scouts best, on fields that none of them has seen?
+
+    python -m bench.scouting [--short] [--seeds 10] [--fields ...] [--plans ...] [--agents 4] [--workers 2]
+
+Prints what each plan needs for 70, 80 and 90 % accuracy, and accuracy at equal energy with paired differences; writes
+every curve to bench/out/scouting.json.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+from rich.console import Console
+
+from bench.scouting.campaign import Curves, Job, flown, jobs, write
+from bench.scouting.fields import AIMED, NAMES
+from bench.scouting.judge import How
+from bench.scouting.registry import plans
+from bench.scouting.tables import differences, field_names, means, plan_names, to_goals
+
+OUT = Path(__file__).resolve().parents[1] / "out" / "scouting.json"
+SHORT_SEEDS = 2
+
+
+def main() -> None:
+    """Fly, print and write."""
+    arguments = _arguments()
+    names, places = arguments.plans or list(plans()), arguments.fields or list(AIMED if arguments.short else NAMES)
+    wanted = jobs(names, places, arguments.agents, arguments.seeds or (SHORT_SEEDS if arguments.short else 10))
+    console = Console(width=None if sys.stdout.isatty() else 160)
+    start = time.perf_counter()
+
+    def told(done: int, job: Job) -> None:
+        if done % 50 == 0 or done == len(wanted):
+            print(f"{done} of {len(wanted)}, {time.perf_counter() - start:.0f} s", file=sys.stderr)
+
+    curves = flown(wanted, arguments.workers, told)
+    show(curves, console, arguments.against)
+    command = "python -m bench.scouting " + " ".join(sys.argv[1:])
+    write(arguments.out, curves, command.strip())
+    console.print(f"{len(curves)} missions in {arguments.out}; {command}")
+
+
+def show(curves: Curves, console: Console, against: str) -> None:
+    """Print every table that these curves give."""
+    places, names = field_names(curves), plan_names(curves)
+    for how in How:
+        for place in places:
+            console.print(to_goals(curves, place, how))
+        aimed = set(AIMED) <= set(places)
+        if aimed:
+            console.print(means(curves, how))
+        if against in names and len(names) > 1:
+            console.print(differences(curves, against, AIMED if aimed else places, how))
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--short", action="store_true", help=f"{SHORT_SEEDS} seeds, the four fields of the aims")
+    parser.add_argument("--seeds", type=int)
+    parser.add_argument("--fields", nargs="+", choices=NAMES)
+    parser.add_argument("--plans", nargs="+", choices=list(plans()))
+    parser.add_argument("--agents", type=int, default=4)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--against", default="transects, rows", help="the plan that differences are taken to")
+    parser.add_argument("--out", type=Path, default=OUT)
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    main()
