@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr
 
 from fleet.contexts.grid import Grid
 from fleet.functions import compiled_kriging, kriging_kernel
@@ -96,7 +97,7 @@ class Belief:
         self._kept = variogram is not None
         self._variogram = variogram or Variogram(1.0, 0.0, 0.0)
         self._fitted_to = 0
-        self._cells = int(np.count_nonzero(grid.valid))
+        self.cells = int(np.count_nonzero(grid.valid))
         self.state = blank(grid, self._variogram)
 
     @property
@@ -110,9 +111,19 @@ class Belief:
         return int(self.state.captured[0])
 
     @property
+    def free(self) -> Flags:
+        """Cells with data that are not captured, bool [rows, columns]."""
+        return np.asarray(self.state.reach >= 0.0).reshape(self._grid.valid.shape)
+
+    @property
+    def known(self) -> Flags:
+        """Captured cells, bool [rows, columns]."""
+        return self._grid.valid & ~self.free
+
+    @property
     def class_mean(self) -> float:
         """Mean of the predicted map, which classes refer to; 0 when nothing is known."""
-        return float(self.state.total[0]) / self._cells if self.captured else 0.0
+        return float(self.state.total[0]) / self.cells if self.captured else 0.0
 
     def observe(self, cells: ArrayLike, values: ArrayLike) -> int:
         """Take captured cells in.
@@ -164,6 +175,13 @@ class Belief:
         found = np.empty((len(bounds) + 1, self._grid.cells))
         kriging_kernel.class_probabilities(self.state, bounds, found)
         return found.reshape(-1, *self._grid.valid.shape)
+
+    def class_probabilities_of(self, cell: int) -> Values:
+        """As `class_probabilities`, of one cell, float64 [4]."""
+        mean, deviation = float(self.state.mean[cell]), float(self.state.deviation[cell])
+        bounds = np.array(sorted(threshold * self.class_mean for threshold in CLASS_THRESHOLDS))
+        below = ndtr((bounds - mean) / deviation) if deviation > 0.0 else np.asarray(mean <= bounds, dtype=np.float64)
+        return np.diff(below, prepend=0.0, append=1.0)
 
     def _take_in_many(self, cells: NDArray[np.int64], values: Values) -> int:
         """As `kriging_kernel.observe`, by looking for the neighbours of all cells instead of telling them of each."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bench.scouting.fields import Field, noise, planted
 from bench.scouting.flight import ENERGY, flown, thorough_j
-from bench.scouting.partition import parts, pieces
+from fleet.missions.partition import parts, pieces
 from bench.scouting.paths import between, serpentine, shared_out, through
 from bench.scouting.rivals.lines import Lawnmower, Transects
 from bench.scouting.rivals.tours import LatticeTour, RandomTour, r2_cells

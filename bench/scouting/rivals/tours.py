@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from bench.scouting.fields import Field
 from bench.scouting.flight import Flight, Flights, flown
-from bench.scouting.partition import parts
+from fleet.missions.partition import parts
 from bench.scouting.paths import NONE, through
 from bench.scouting.tour import tour
 from fleet.contexts.grid import Grid

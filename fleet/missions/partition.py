@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import label
 
 from fleet.contexts.grid import Grid
+from fleet.errors import MissionError
 
 Cells = NDArray[np.int64]
 
@@ -20,11 +21,11 @@ def parts(grid: Grid, agents: int) -> tuple[Cells, ...]:
     Returns:
         The cells of each part, ascending.
     Raises:
-        ValueError: there are fewer cells than agents.
+        MissionError: there are fewer cells than agents.
     """
     cells = np.flatnonzero(grid.valid)
     if len(cells) < agents:
-        raise ValueError(f"{agents} agents but only {len(cells)} cells with data")
+        raise MissionError(f"{agents} agents but only {len(cells)} cells with data")
     bounds: Cells = np.linspace(0, len(cells), agents + 1).round().astype(np.int64)
     sizes = bounds[1:] - bounds[:-1]
     return tuple(np.sort(part) for part in _cut(grid, cells, sizes))

@@ -1,0 +1,66 @@
+"""What a capture is worth: the shaped reward over what the swarm believes.
+
+R of the paper is a weighted sum of the features of the next state. Here these features are the platform's own, from
+the belief of the map before the capture.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from scipy.ndimage import convolve, distance_transform_edt
+
+from fleet.functions.belief import Belief
+from fleet.spec.base import Model, NonNegative
+
+Values = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+FEW = 12
+"""Before so many captures classes mean nothing, and every cell is equally interesting."""
+_REACH = 3
+_FALL = 1.5
+_FAR = 3.0
+
+
+class InterestWeights(Model):
+    """Weights of the features of a cell that might be captured."""
+
+    doubt: NonNegative = Field(default=1.0, description="Probability that its believed class is wrong.")
+    doubt_around: NonNegative = Field(
+        default=1.0,
+        description="The same of the cells around it, which the capture would tell of; the nearer the more.",
+    )
+    novelty: NonNegative = Field(default=0.3, description="1 - exp(-d / 3), with d cells to the nearest captured one.")
+
+
+def doubts(belief: Belief) -> Values:
+    """Probability that the believed class is wrong, float64 [rows, columns]; 0 in captured cells and without data."""
+    doubt: Values = 1.0 - np.nan_to_num(belief.class_probabilities().max(axis=0), nan=1.0)
+    return np.where(belief.known, 0.0, doubt)
+
+
+def interest(belief: Belief, weights: InterestWeights) -> Values:
+    """What each capture adds, float64 [rows, columns]; 0 in captured cells and without data."""
+    free = belief.free
+    if belief.captured < FEW:
+        return 0.5 * free
+    doubt = doubts(belief)
+    total = weights.doubt * doubt
+    if weights.doubt_around:
+        total = total + weights.doubt_around * convolve(doubt, _AROUND, mode="constant")
+    if weights.novelty:
+        total = total + weights.novelty * (1.0 - np.exp(-distance_transform_edt(~belief.known) / _FAR))
+    return np.where(free, total, 0.0)
+
+
+def _around() -> Values:
+    """Shares of the cells around in the doubt around a cell, [7, 7]; their sum is 1."""
+    side = np.arange(-_REACH, _REACH + 1)
+    share = np.exp(-np.hypot(side[:, None], side[None, :]) / _FALL)
+    share[_REACH, _REACH] = 0.0
+    return np.asarray(share / share.sum())
+
+
+_AROUND = _around()

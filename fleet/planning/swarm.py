@@ -1,0 +1,227 @@
+"""A swarm that scouts one field with a common belief.
+
+Every agent has a part of the field with as many cells as the others'. It first flies a few lines over it. Then it looks
+for the path along which captures are most interesting for the energy they take (`interest`, `paths`), flies four moves
+of it, and looks again, with all that every agent has captured by then; cells that others are about to capture are
+theirs. When no path is worth its energy nearby, it goes where most is to be had. All agents land when the stop rule is
+met, so their flights are equally long.
+
+Knowledge passes between agents at once. Events happen in the order of mission time, of equal times in the order of
+agents: a mission is the same however fast it is computed.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
+
+from fleet.contexts.grid import Grid
+from fleet.energy.accounting import EnergyModel
+from fleet.functions.belief import Belief
+from fleet.missions.layout import MOVES
+from fleet.missions.partition import parts
+from fleet.planning.calibration import Calibration, expected_accuracy
+from fleet.planning.interest import InterestWeights, interest
+from fleet.planning.paths import PathFinder, Search
+from fleet.planning.stop import StopRule
+from fleet.planning.sweep import SPACING, lines
+
+Values = NDArray[np.float64]
+Sense = Callable[[int], float]
+"""From a cell with data to the quantity that is captured there."""
+
+
+@dataclass(frozen=True)
+class Tactics:
+    """How a swarm scouts.
+
+    Args:
+        weights: What makes a capture interesting.
+        search: How far and wide is looked for paths.
+        spacing: Rows or columns between the first lines; 0 for none.
+        moves: How many moves of a path are flown before the next look.
+        elsewhere: What interest outside of the agent's own part counts, 0..1.
+        thrift: What a path must bring for its energy, as a share of what the best half of the cells would.
+    """
+
+    weights: InterestWeights = InterestWeights()
+    search: Search = Search()
+    spacing: int = SPACING
+    moves: int = 4
+    elsewhere: float = 0.8
+    thrift: float = 0.5
+
+
+@dataclass(eq=False)
+class Scout:
+    """One agent.
+
+    Args:
+        cell: Where it is.
+        own: Cells of its part, bool [rows, columns].
+        cells, captured: Its flight so far, and which visits captured the cell.
+        plan: Moves that it will fly, and `cells_ahead` where they lead.
+        fixed: How many of them are flown without another look.
+        last: The last move; -1 for none.
+    """
+
+    cell: int
+    own: NDArray[np.bool_]
+    cells: list[int] = field(default_factory=list)
+    captured: list[bool] = field(default_factory=list)
+    plan: deque[int] = field(default_factory=deque)
+    fixed: int = 0
+    last: int = -1
+
+
+@dataclass(frozen=True)
+class Claim:
+    """What the swarm claimed at one moment.
+
+    Args:
+        time_s: Mission time.
+        captured: Cells captured by all.
+        predictions: How many predictions the claim was calibrated on.
+        accuracy: Expected accuracy.
+    """
+
+    time_s: float
+    captured: int
+    predictions: int
+    accuracy: float
+
+
+class Swarm:
+    """A mission of a swarm.
+
+    Args:
+        grid: The field's cells.
+        energy: What moves and captures cost.
+        agents: How many fly.
+        tactics: How.
+        seed: Fixes where the first lines lie.
+
+    Raises:
+        MissionError: there are fewer cells with data than agents.
+    """
+
+    def __init__(self, grid: Grid, energy: EnergyModel, agents: int, tactics: Tactics, seed: int) -> None:
+        self._grid, self._energy, self._tactics = grid, energy, tactics
+        self._finder = PathFinder(grid, energy, tactics.search)
+        self.belief = Belief(grid)
+        self.calibration = Calibration()
+        self.claims: list[Claim] = []
+        generator = np.random.default_rng(seed)
+        self.scouts = [self._placed(part, index, generator) for index, part in enumerate(parts(grid, agents))]
+
+    def fly(self, sense: Sense, rule: StopRule | None = None, watch: Callable[[], None] | None = None) -> None:
+        """Fly until the stop rule is met, or until every cell is captured.
+
+        Args:
+            sense: The sensor.
+            rule: When to stop; without one a claim is made all the same.
+            watch: Called after each claim.
+        """
+        watch = watch or (lambda: None)
+        events = [(self._energy.take_off().time_s, index) for index in range(len(self.scouts))]
+        over = False
+        while events and not over:
+            time_s, index = heapq.heappop(events)
+            scout = self.scouts[index]
+            time_s += self._arrive(scout, sense)
+            over = self.belief.captured == self.belief.cells or self._is_enough(time_s, rule, watch)
+            if not over:
+                time_s += self._energy.move(MOVES[self._next(scout)]).time_s
+                heapq.heappush(events, (time_s, index))
+        for _, index in sorted(events):  # those in the air finish their move, and land
+            self._arrive(self.scouts[index], sense)
+
+    def _arrive(self, scout: Scout, sense: Sense) -> float:
+        """Capture the cell that was reached when it is a new one; the time that takes, in s."""
+        fresh = bool(self.belief.free.flat[scout.cell])
+        scout.cells.append(scout.cell)
+        scout.captured.append(fresh)
+        if not fresh:
+            return 0.0
+        value = sense(scout.cell)
+        self.calibration.foresee(self.belief, scout.cell, value)
+        self.belief.observe([scout.cell], [value])
+        return self._energy.capture().time_s
+
+    def _is_enough(self, time_s: float, rule: StopRule | None, watch: Callable[[], None]) -> bool:
+        """Make a claim now and then, and ask the rule."""
+        captured = self.belief.captured
+        if self.claims and captured < self.claims[-1].captured + self._tactics.moves:
+            return False
+        claim = Claim(time_s, captured, self.calibration.count, expected_accuracy(self.belief, self.calibration))
+        self.claims.append(claim)
+        watch()
+        return rule is not None and rule.is_met(claim.accuracy, claim.predictions)
+
+    def _next(self, scout: Scout) -> int:
+        """Choose the next move, and begin it."""
+        if scout.fixed == 0 or not scout.plan:
+            scout.plan = deque(self._look(scout))
+            scout.fixed = self._tactics.moves
+        move = scout.plan.popleft()
+        scout.fixed -= 1
+        scout.last = move
+        scout.cell = self._after(scout.cell, move)
+        return move
+
+    def _look(self, scout: Scout) -> tuple[int, ...]:
+        """The best path from here; at least one move."""
+        wanted = interest(self.belief, self._tactics.weights)
+        wanted = np.where(scout.own, wanted, self._tactics.elsewhere * wanted)
+        for other in self.scouts:
+            if other is not scout:
+                wanted.flat[self._ahead(other)] = 0.0
+        if not wanted.any():
+            wanted = 1.0 * self.belief.free  # others are about to capture all that is left: help them
+        path = self._finder.best(wanted, scout.cell, scout.last, self._rate(wanted))
+        return path or self._finder.towards(scout.cell, self._richest(wanted, scout.cell))
+
+    def _rate(self, wanted: Values) -> float:
+        """Interest that a joule is worth: a share of what moves into the better half of the cells bring."""
+        found = np.sort(wanted[wanted > 0.0])
+        return self._tactics.thrift * float(found[len(found) // 2 :].mean()) / self._finder.mean_move_j
+
+    def _richest(self, wanted: Values, cell: int) -> int:
+        """The cell around which there is most interest for the way there."""
+        row, column = self._grid.position(cell)
+        rows, columns = np.ogrid[: self._grid.rows, : self._grid.columns]
+        way = np.abs(rows - row) + np.abs(columns - column)
+        around = uniform_filter(wanted, 5, mode="constant") / (way + 6.0)
+        here = np.where((wanted > 0.0) & (way > 0), around, -1.0)
+        return int(here.argmax())
+
+    def _ahead(self, scout: Scout) -> list[int]:
+        """The cells that an agent is about to visit."""
+        cells = [scout.cell]
+        for move in scout.plan:
+            cells.append(self._after(cells[-1], move))
+        return cells
+
+    def _after(self, cell: int, move: int) -> int:
+        down, across = self._grid.step(MOVES[move])
+        return cell + down * self._grid.columns + across
+
+    def _placed(self, part: NDArray[np.int64], index: int, generator: np.random.Generator) -> Scout:
+        """An agent before take-off, with its first lines: every other agent's lie along the columns."""
+        own = np.zeros(self._grid.cells, dtype=np.bool_)
+        own[part] = True
+        own = own.reshape(self._grid.rows, self._grid.columns)
+        offset = float(generator.random())
+        if not self._tactics.spacing:
+            return Scout(int(part[int(offset * len(part))]), own)
+        stops = lines(self._grid, part, index % 2 == 0, offset, self._tactics.spacing)
+        plan: deque[int] = deque()
+        for start, end in zip(stops, stops[1:], strict=False):
+            plan.extend(self._finder.towards(start, end))
+        return Scout(stops[0], own, plan=plan, fixed=len(plan))
