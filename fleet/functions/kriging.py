@@ -187,7 +187,10 @@ def prepare_for_many() -> bool:
     Returns:
         Whether there is one: numba may be missing, and then maps take longer and are the same.
     """
-    return _compiled() is not None
+    if _compiled() is None:
+        return False
+    krige(np.array([[1.0, np.nan]]), Grid(np.ones((1, 2), dtype=np.bool_)))  # numba loads what is called first
+    return True
 
 
 class _Predicted:
