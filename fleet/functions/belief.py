@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from fleet.contexts.grid import Grid
 from fleet.functions import compiled_kriging, kriging_kernel
 from fleet.functions.classes import CLASS_THRESHOLDS
-from fleet.functions.kriging import NEIGHBOURS, Prediction, Variogram, fit, places_of
-from fleet.functions.local_kriging import Cells, Flags, Places, Values, squared_distance
+from fleet.functions.kriging import Prediction, Variogram, fit, places_of
+from fleet.functions.local_kriging import NEIGHBOURS, Cells, Flags, Places, Values, squared_distance
 
 _GROWTH = 1.25
 """A variogram is good for so many times the captured cells that it was fitted to."""
@@ -44,7 +44,7 @@ class BeliefArrays(NamedTuple):
         captured: Number of captured cells, int64 [1].
         changed: Cells to predict anew, int32 [cells], as many as the kernel says.
         marked: Whether a cell is among these, bool [cells].
-        factor: For intermediate results, float64 [8, 12].
+        scratch: For intermediate results.
     """
 
     places: Places
@@ -59,7 +59,7 @@ class BeliefArrays(NamedTuple):
     captured: NDArray[np.int64]
     changed: Cells
     marked: Flags
-    factor: Values
+    scratch: kriging_kernel.Scratch
 
 
 def blank(grid: Grid, variogram: Variogram) -> BeliefArrays:
@@ -79,7 +79,7 @@ def blank(grid: Grid, variogram: Variogram) -> BeliefArrays:
         captured=np.zeros(1, dtype=np.int64),
         changed=np.empty(grid.cells, dtype=np.int32),
         marked=np.zeros(grid.cells, dtype=bool),
-        factor=np.empty((NEIGHBOURS, NEIGHBOURS + 4)),
+        scratch=kriging_kernel.scratch_for(NEIGHBOURS),
     )
 
 

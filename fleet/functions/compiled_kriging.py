@@ -35,9 +35,8 @@ def nearest(known: Flags, targets: Cells, grid: Grid, count: int) -> Cells:
 
 def solve(near: Cells, targets: Cells, values: Values, places: Places) -> tuple[Values, Values]:
     """As `local_kriging.solve`."""
-    count = near.shape[1]
     found = np.empty((2, len(targets)))
-    kriging_kernel.solve(near, targets, values, places, np.empty((count, count + 4)), found)
+    kriging_kernel.solve(near, targets, (values, places), kriging_kernel.scratch_for(near.shape[1]), found)
     return found[0], found[1]
 
 

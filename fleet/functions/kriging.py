@@ -16,12 +16,10 @@ from scipy.fft import irfft2, next_fast_len, rfft2
 
 from fleet.contexts.grid import Grid
 from fleet.functions import local_kriging
-from fleet.functions.local_kriging import Flags, Places, Values
+from fleet.functions.local_kriging import NEIGHBOURS, Flags, Places, Values
 
 Indices = NDArray[np.int64]
 
-NEIGHBOURS = 8
-"""Captured cells that predict a cell; on the fields of bench/extrapolation.py more are slower and no better."""
 _FEW = 12
 """With fewer captured cells a variogram means nothing, and DEFAULT is used."""
 _LENGTHS = np.geomspace(0.7, 24.0, 16)
