@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,20 +16,31 @@ _STEPS = 4096
 """How many cells around a target are looked at at most, about; with 5 % of the cells captured, 160 are on average."""
 
 
+class Steps(NamedTuple):
+    """Ways from a cell to all cells around it, by distance and then by number.
+
+    Args:
+        margin: Rows and columns that cells without data need around the grid, so that no step leads out.
+        way: By how much the number of a cell grows, in a grid with the margin, int64 [steps].
+        change: The same in the grid, int32 [steps].
+        length: In widths of a cell, float64 [steps].
+    """
+
+    margin: tuple[int, int]
+    way: NDArray[np.int64]
+    change: NDArray[np.int32]
+    length: NDArray[np.float64]
+
+
 def nearest(known: Flags, targets: Cells, grid: Grid, count: int) -> Cells:
     """As `local_kriging.nearest`."""
-    margin, steps, apart = _steps(grid.rows, grid.columns, grid.cell_height_m / grid.cell_width_m)
-    width = grid.columns + 2 * margin[1]
-    padded = np.zeros((grid.rows + 2 * margin[0], width), dtype=np.uint8)
-    padded[margin[0] : margin[0] + grid.rows, margin[1] : margin[1] + grid.columns] = known
-    rows, columns = np.divmod(targets, np.int32(grid.columns))
-    corners = (rows.astype(np.int64) + margin[0]) * width + columns + margin[1]
+    steps = _steps(grid.rows, grid.columns, grid.cell_height_m / grid.cell_width_m)
+    down, across = steps.margin
+    padded = np.zeros((grid.rows + 2 * down, grid.columns + 2 * across), dtype=np.uint8)
+    padded[down : down + grid.rows, across : across + grid.columns] = known
     near = np.empty((len(targets), count), dtype=np.int32)
-    lacking = kriging_kernel.search(padded.reshape(-1), corners, steps, apart, near)
-    far = np.flatnonzero(near[:, 0] < 0) if lacking else np.empty(0, dtype=np.int64)
-    rows, columns = np.divmod(near, np.int32(width))
-    near = (rows - np.int32(margin[0])) * np.int32(grid.columns) + columns - np.int32(margin[1])
-    if lacking:
+    if kriging_kernel.search(padded, targets, grid.columns, steps, near):
+        far = np.flatnonzero(near[:, 0] < 0)
         near[far] = local_kriging.nearest(known, targets[far], grid, count)
     return near
 
@@ -41,13 +53,15 @@ def solve(near: Cells, targets: Cells, values: Values, places: Places) -> tuple[
 
 
 @functools.lru_cache(maxsize=16)
-def _steps(rows: int, columns: int, ratio: float) -> tuple[tuple[int, int], NDArray[np.int64], Values]:
-    """Rows and columns of the margin, and the steps to all cells within a distance and their lengths, ascending."""
+def _steps(rows: int, columns: int, ratio: float) -> Steps:
+    """Steps to all cells within a distance."""
     reach = _STEPS / np.pi * ratio  # squared, in widths of a cell
     margin = (min(int(reach**0.5 / ratio), rows - 1), min(int(reach**0.5), columns - 1))
-    down, right = (np.arange(-size, size + 1) for size in margin)
-    apart = local_kriging.squared_distance(down[:, None], right[None, :], ratio * ratio)
-    step = down[:, None] * (columns + 2 * margin[1]) + right[None, :]
+    down, right = np.meshgrid(*(np.arange(-size, size + 1) for size in margin), indexing="ij")
+    apart = local_kriging.squared_distance(down, right, ratio * ratio)
     near = (apart <= reach) & (apart > 0)
-    order = np.lexsort((step[near], apart[near]))
-    return margin, step[near][order], np.sqrt(apart[near][order])
+    down, right, apart = down[near], right[near], apart[near]
+    order = np.lexsort((right, down, apart))
+    down, right = down[order], right[order]
+    way = down * (columns + 2 * margin[1]) + right
+    return Steps(margin, way, (down * columns + right).astype(np.int32), np.sqrt(apart[order]))

@@ -106,39 +106,39 @@ def _first(apart: Any, bound: Any) -> Any:
 
 
 @program
-def search(known: Any, corners: Any, steps: Any, apart: Any, near: Any) -> Any:
+def search(known: Any, targets: Any, columns: Any, steps: Any, near: Any) -> Any:
     """Neighbours of each target, nearest first, as far as the list of steps goes.
 
     A target beside the last one has no neighbour that is nearer than the last one's nearest by more than one cell.
 
     Args:
-        known: Captured cells with a margin as wide as the longest step, uint8 [cells with margin].
-        corners: Numbers of the targets in that, ascending, int64 [targets].
-        steps: To all cells around, by distance and then by number, int64 [steps].
-        apart: How long each step is, in widths of a cell, float64 [steps].
-        near: Result, in numbers of that, int32 [targets, count]; -1 in the first place where the steps do not suffice.
+        known: Captured cells, with the margin of the steps, uint8 [rows and margin, columns and margin].
+        targets: Cell numbers, ascending, int32 [targets].
+        columns: Of the grid.
+        steps: `compiled_kriging.Steps`.
+        near: Result, int32 [targets, count]; -1 in the first place where the steps do not suffice.
 
     Returns:
         Number of targets for which they do not.
     """
-    lacking, count = 0, near.shape[1]
-    nearest = 0.0
-    for target in range(len(corners)):
-        corner = corners[target]
-        beside = target > 0 and corner == corners[target - 1] + 1
-        start = _first(apart, nearest - 1.0 - 1e-6) if beside and nearest > 2.0 else 0
-        found = 0
-        nearest = apart[-1]
-        for step in range(start, len(steps)):
-            place = corner + steps[step]
-            if known[place]:
-                near[target, found] = place
-                nearest = apart[step] if found == 0 else nearest
+    flat, width = known.reshape(-1), known.shape[1]
+    lacking, count, nearest = 0, near.shape[1], 0.0
+    for number in range(len(targets)):
+        target = targets[number]
+        row, column = divmod(_int(target), columns)
+        corner = (row + steps.margin[0]) * width + column + steps.margin[1]
+        beside = number > 0 and target == targets[number - 1] + 1 and column > 0
+        start = _first(steps.length, nearest - 1.0 - 1e-6) if beside and nearest > 2.0 else 0
+        nearest, found = steps.length[-1] if len(steps.length) else 0.0, 0
+        for step in range(start, len(steps.way)):
+            if flat[_word(corner + steps.way[_word(step)])]:
+                near[number, found] = target + steps.change[step]
+                nearest = steps.length[step] if found == 0 else nearest
                 found += 1
                 if found == count:
                     break
         if found < count:
-            near[target, 0] = -1
+            near[number, 0] = -1
             lacking += 1
     return lacking
 
@@ -265,8 +265,8 @@ def below(bound: Any, mean: Any, deviation: Any) -> Any:
     if deviation == 0.0:
         return 1.0 if mean <= bound else 0.0
     x = min(max((bound - mean) / deviation, -_END), _END)
-    knot = _int((x + _END) * _KNOTS_PER_UNIT + 0.5)
-    at = knot / _KNOTS_PER_UNIT - _END
+    knot = _word((x + _END) * _KNOTS_PER_UNIT + 0.5)
+    at = _int(knot) / _KNOTS_PER_UNIT - _END
     h, square = x - at, at * at
     series = (square * (square - 6.0) + 3.0) * (h / 5.0)
     series = (series - at * (square - 3.0)) * (h / 4.0)

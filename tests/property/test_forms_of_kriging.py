@@ -31,7 +31,7 @@ def fields(draw: st.DrawFn) -> tuple[Flags, Grid]:
     share = draw(st.sampled_from([0.02, 0.2, 0.6]))
     known = np.random.default_rng(draw(st.integers(0, 2**32 - 1))).random(shape) < share
     known[draw(st.integers(0, shape[0] - 1)), draw(st.integers(0, shape[1] - 1))] = True
-    height, width = draw(st.sampled_from([(1.0, 1.0), (11.9, 8.9), (0.3, 9.0), (7.0, 1.0), (0.1, 0.1)]))
+    height, width = draw(st.sampled_from([(1.0, 1.0), (11.9, 8.9), (0.3, 9.0), (7.0, 1.0), (0.1, 0.1), (0.001, 9.0)]))
     return known, Grid(np.ones(shape, dtype=bool), height, width)
 
 
@@ -100,6 +100,16 @@ def test_both_forms_give_the_same_bits(field: tuple[Flags, Grid], variogram: Var
     np.testing.assert_array_equal(near[0], near[1])
     plain, fast = (form.solve(near[0], targets, values_of(known).reshape(-1), places) for form in FORMS)
     np.testing.assert_array_equal(plain, fast)
+
+
+@pytest.mark.parametrize("size", [(1.0, 1.0), (0.001, 9.0), (9.0, 0.001)])
+@pytest.mark.parametrize("shape", [(1, 9), (9, 1)])
+def test_strips_of_cells_are_grids_too(shape: tuple[int, int], size: tuple[float, float]) -> None:
+    grid, known = Grid(np.ones(shape, dtype=bool), *size), np.zeros(shape, dtype=bool)
+    known.flat[[0, 4]] = True
+    for form in FORMS:
+        near = form.nearest(known, np.array([1, 2, 3, 8], dtype=np.int32), grid, 2)
+        assert near.tolist() == [[0, 4], [0, 4], [4, 0], [4, 0]]
 
 
 @pytest.mark.parametrize("known_rows", [1, 30])
