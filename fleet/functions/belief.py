@@ -5,7 +5,8 @@ of kriging from scratch. The covariance is fitted anew, and the whole field pred
 more captured cells than at the last fit: the cost of that is spread over the cells in between.
 
 The state is a tuple of plain arrays, and what changes it is compiled without allocations, so that compiled simulators
-can have beliefs too (`take_in`, `settle` and `below` of `fleet.functions.kriging_kernel`).
+can have beliefs too (`take_in`, `settle` and `below` of `fleet.functions.kriging_kernel`). One that asks about a few
+cells a step is faster without: `look` and `expect` predict one cell from what is captured, in a fifth of a microsecond.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ class BeliefArrays(NamedTuple):
     captured: NDArray[np.int64]
     changed: Cells
     marked: Flags
-    scratch: kriging_kernel.Scratch
+    scratch: compiled_kriging.Scratch
 
 
 def blank(grid: Grid, variogram: Variogram) -> BeliefArrays:
@@ -79,7 +80,7 @@ def blank(grid: Grid, variogram: Variogram) -> BeliefArrays:
         captured=np.zeros(1, dtype=np.int64),
         changed=np.empty(grid.cells, dtype=np.int32),
         marked=np.zeros(grid.cells, dtype=bool),
-        scratch=kriging_kernel.scratch_for(NEIGHBOURS),
+        scratch=compiled_kriging.scratch_for(NEIGHBOURS),
     )
 
 

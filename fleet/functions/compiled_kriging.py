@@ -16,6 +16,23 @@ _STEPS = 4096
 """How many cells around a target are looked at at most, about; with 5 % of the cells captured, 160 are on average."""
 
 
+class Scratch(NamedTuple):
+    """For intermediate results of one system.
+
+    Args:
+        factor: Cholesky's factor, the inverse of its diagonal, and three solutions, float64 [count, count + 4].
+        position: Row and column of each neighbour, int64 [count, 2].
+    """
+
+    factor: NDArray[np.float64]
+    position: NDArray[np.int64]
+
+
+def scratch_for(count: int) -> Scratch:
+    """Room for systems of so many neighbours."""
+    return Scratch(np.empty((count, count + 4)), np.empty((count, 2), dtype=np.int64))
+
+
 class Steps(NamedTuple):
     """Ways from a cell to all cells around it, by distance and then by number.
 
@@ -34,12 +51,9 @@ class Steps(NamedTuple):
 
 def nearest(known: Flags, targets: Cells, grid: Grid, count: int) -> Cells:
     """As `local_kriging.nearest`."""
-    steps = _steps(grid.rows, grid.columns, grid.cell_height_m / grid.cell_width_m)
-    down, across = steps.margin
-    padded = np.zeros((grid.rows + 2 * down, grid.columns + 2 * across), dtype=np.uint8)
-    padded[down : down + grid.rows, across : across + grid.columns] = known
+    steps = steps_for(grid)
     near = np.empty((len(targets), count), dtype=np.int32)
-    if kriging_kernel.search(padded, targets, grid.columns, steps, near):
+    if kriging_kernel.search(with_margin(known, steps), targets, grid.columns, steps, near):
         far = np.flatnonzero(near[:, 0] < 0)
         near[far] = local_kriging.nearest(known, targets[far], grid, count)
     return near
@@ -48,8 +62,19 @@ def nearest(known: Flags, targets: Cells, grid: Grid, count: int) -> Cells:
 def solve(near: Cells, targets: Cells, values: Values, places: Places) -> tuple[Values, Values]:
     """As `local_kriging.solve`."""
     found = np.empty((2, len(targets)))
-    kriging_kernel.solve(near, targets, (values, places), kriging_kernel.scratch_for(near.shape[1]), found)
+    kriging_kernel.solve(near, targets, (values, places), scratch_for(near.shape[1]), found)
     return found[0], found[1]
+
+
+def steps_for(grid: Grid) -> Steps:
+    """Steps to the 4,096 or so nearest cells; those of a grid are made once, so do not change them."""
+    return _steps(grid.rows, grid.columns, grid.cell_height_m / grid.cell_width_m)
+
+
+def with_margin(known: Flags, steps: Steps) -> NDArray[np.uint8]:
+    """Captured cells, bool [rows, columns], with the margin that the steps need."""
+    down, across = steps.margin
+    return np.pad(known.astype(np.uint8), ((down, down), (across, across)))
 
 
 @functools.lru_cache(maxsize=16)

@@ -8,10 +8,9 @@ is allocated.
 from __future__ import annotations
 
 from math import erf, exp, pi, sqrt
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleet.compiled import part, program
 from fleet.functions.local_kriging import LEAST_PIVOT, NEAR_ONE, NEIGHBOURS
@@ -26,23 +25,6 @@ _END, _KNOTS_PER_UNIT = 8.5, 32
 _KNOTS = np.arange(int(2 * _END * _KNOTS_PER_UNIT) + 1) / _KNOTS_PER_UNIT - _END
 _NORMAL = np.array([0.5 * (1.0 + erf(knot / sqrt(2.0))) for knot in _KNOTS])
 _DENSITY = np.array([exp(-knot * knot / 2.0) / sqrt(2.0 * pi) for knot in _KNOTS])
-
-
-class Scratch(NamedTuple):
-    """For intermediate results of one system.
-
-    Args:
-        factor: Cholesky's factor, the inverse of its diagonal, and three solutions, float64 [count, count + 4].
-        position: Row and column of each neighbour, int64 [count, 2].
-    """
-
-    factor: NDArray[np.float64]
-    position: NDArray[np.int64]
-
-
-def scratch_for(count: int) -> Scratch:
-    """Room for systems of so many neighbours."""
-    return Scratch(np.empty((count, count + 4)), np.empty((count, 2), dtype=np.int64))
 
 
 @part
@@ -86,6 +68,7 @@ def expect(near: Any, count: Any, target: Any, known: Any, scratch: Any) -> Any:
     Args:
         near: Its neighbours, int32 [count or more].
         known: Values of cells, and their `Places`.
+        scratch: `compiled_kriging.Scratch`.
     """
     if count == NEIGHBOURS:  # the processor's code is better with a number that it knows
         return _expect(near, NEIGHBOURS, target, known, scratch)
@@ -105,6 +88,32 @@ def _first(apart: Any, bound: Any) -> Any:
     return low
 
 
+@part
+def look(known: Any, corner: Any, target: Any, steps: Any, start: Any, near: Any) -> Any:
+    """Write the nearest captured cells of one cell, nearest first, as far as the list of steps goes.
+
+    With `expect`, this predicts one cell of a field of which only the captured cells are kept.
+
+    Args:
+        known: Captured cells, with the margin of the steps, uint8 [cells and margin].
+        corner: Number of the target in that.
+        start: The first step to take.
+        near: Result, int32 [count].
+
+    Returns:
+        How many were found, and the number of the step to the nearest.
+    """
+    found, first = 0, len(steps.way)
+    for step in range(start, len(steps.way)):
+        if known[_word(corner + steps.way[_word(step)])]:
+            near[found] = target + steps.change[step]
+            first = step if found == 0 else first
+            found += 1
+            if found == len(near):
+                break
+    return found, first
+
+
 @program
 def search(known: Any, targets: Any, columns: Any, steps: Any, near: Any) -> Any:
     """Neighbours of each target, nearest first, as far as the list of steps goes.
@@ -112,7 +121,7 @@ def search(known: Any, targets: Any, columns: Any, steps: Any, near: Any) -> Any
     A target beside the last one has no neighbour that is nearer than the last one's nearest by more than one cell.
 
     Args:
-        known: Captured cells, with the margin of the steps, uint8 [rows and margin, columns and margin].
+        known: As for `look`, [rows and margin, columns and margin].
         targets: Cell numbers, ascending, int32 [targets].
         columns: Of the grid.
         steps: `compiled_kriging.Steps`.
@@ -122,22 +131,17 @@ def search(known: Any, targets: Any, columns: Any, steps: Any, near: Any) -> Any
         Number of targets for which they do not.
     """
     flat, width = known.reshape(-1), known.shape[1]
-    lacking, count, nearest = 0, near.shape[1], 0.0
+    lacking, nearest = 0, 0.0
     for number in range(len(targets)):
         target = targets[number]
         row, column = divmod(_int(target), columns)
         corner = (row + steps.margin[0]) * width + column + steps.margin[1]
         beside = number > 0 and target == targets[number - 1] + 1 and column > 0
         start = _first(steps.length, nearest - 1.0 - 1e-6) if beside and nearest > 2.0 else 0
-        nearest, found = steps.length[-1] if len(steps.length) else 0.0, 0
-        for step in range(start, len(steps.way)):
-            if flat[_word(corner + steps.way[_word(step)])]:
-                near[number, found] = target + steps.change[step]
-                nearest = steps.length[step] if found == 0 else nearest
-                found += 1
-                if found == count:
-                    break
-        if found < count:
+        found, first = look(flat, corner, target, steps, start, near[number])
+        if len(steps.way):
+            nearest = steps.length[min(first, len(steps.way) - 1)]
+        if found < near.shape[1]:
             near[number, 0] = -1
             lacking += 1
     return lacking
