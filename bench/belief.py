@@ -6,8 +6,8 @@ A judged mission is what Eval() of examples/crop-scouting computes of one: map b
 field is the corn field of that example (first date), or one made up when it is not there, with random cells captured.
 Other fields are made up: smooth noise on square grids. A belief's update takes some new random cells in; 20 % of the
 cells are captured, and the covariance stays. The plain form makes the map from scratch. A decision's belief is an
-update and the probability of every class in every cell. What decisions take in flight, with all fits, has figures too.
-Compiling is warm-up, and what it costs when the machine code is in numba's cache is the last figure.
+update and the probability of every class in every cell. What decisions take in flight, with all fits, has figures too,
+and so have compiled flights that keep no belief and predict a few cells a step. Compiling is warm-up, and what it costs when the machine code is in numba's cache is the last figure.
 """
 
 from __future__ import annotations
@@ -19,21 +19,24 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from bench.measure import Result, seconds
+from fleet.compiled import program
 from fleet.contexts.base import Environment
 from fleet.contexts.grid import Grid
 from fleet.contexts.load import load_cube
-from fleet.functions import kriging, local_kriging
+from fleet.functions import compiled_kriging, kriging, local_kriging
 from fleet.functions.belief import Belief
 from fleet.functions.classes import class_mean, class_probabilities, expected_accuracy, likely_values
 from fleet.functions.contract import AgentMetrics, FeatureSpace, Metrics
 from fleet.functions.evaluation import evaluation_metrics
-from fleet.functions.kriging import Prediction, fit, krige, predict
+from fleet.functions.kriging import Prediction, fit, krige, places_of, predict
+from fleet.functions.kriging_kernel import expect, look
 from fleet.storage.local import LocalStorage
 
 COMMAND = "python -m bench.run belief"
@@ -65,6 +68,7 @@ def run() -> list[Result]:
         *(whole_map(cells) for cells in (2_000, 10_000, 100_000, 1_000_000)),
         *(result for cells in (2_000, 10_000, 100_000, 1_000_000) for new in (1, 10) for result in updates(cells, new)),
         *flight(10_000),
+        *(steps_that_ask(cells) for cells in (1, 4, 8)),
         first_use(),
     ]
 
@@ -170,6 +174,47 @@ def decisions(environment: Environment) -> list[float]:
         belief.class_probabilities()
         taken.append(time.perf_counter() - start)
     return taken
+
+
+def steps_that_ask(asked: int) -> Result:
+    """Steps a second of a compiled flight that captures random cells, and predicts the next few cells of each alone."""
+    environment = corn() or made_up(2_106)
+    grid, truth = environment.grid, environment.truth
+    assert truth is not None
+    order = random_cells(grid, np.random.default_rng(0))[: round(0.4 * np.count_nonzero(grid.valid))]
+    known = np.zeros(grid.valid.shape, dtype=bool)
+    known.flat[order] = True
+    variogram = fit(np.where(known, truth, np.nan), known, grid)
+    steps, places = compiled_kriging.steps_for(grid), places_of(grid, variogram)
+
+    def flying() -> float:
+        captured = compiled_kriging.with_margin(np.zeros_like(known), steps)
+        room = (np.empty(8, dtype=np.int32), compiled_kriging.scratch_for(8))
+        return ask(order, captured, steps, (truth.reshape(-1), places), (asked, grid.columns, room))
+
+    some, target = np.where(known, truth, np.nan), np.zeros_like(known)
+    target.flat[np.flatnonzero(grid.valid & ~known)[:asked]] = True
+    with in_numpy():
+        plain = 1 / seconds(lambda: predict(some, known, target, grid, variogram), repeats=20)
+    name = f"compiled steps that predict {asked} cells each, {environment.name}"
+    return Result.against(name, len(order) / seconds(flying), "steps/s", (PLAIN, plain), COMMAND)
+
+
+@program
+def ask(order: Any, captured: Any, steps: Any, known: Any, how: Any) -> Any:
+    """The sum of all that was predicted."""
+    asked, columns, (near, scratch) = how
+    flat, width, total = captured.reshape(-1), captured.shape[1], 0.0
+    for index in range(len(order)):
+        for target in range(order[index], min(order[index] + asked + 1, len(known[0]))):
+            corner = (target // columns + steps.margin[0]) * width + target % columns + steps.margin[1]
+            if target == order[index]:
+                flat[corner] = 1
+            elif flat[corner] == 0:
+                found, _ = look(flat, corner, target, steps, 0, near)
+                expected, share = expect(near, found, target, known, scratch)
+                total += expected + share
+    return total
 
 
 def first_use() -> Result:
