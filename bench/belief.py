@@ -7,7 +7,8 @@ field is the corn field of that example (first date), or one made up when it is 
 Other fields are made up: smooth noise on square grids. A belief's update takes some new random cells in; 20 % of the
 cells are captured, and the covariance stays. The plain form makes the map from scratch. A decision's belief is an
 update and the probability of every class in every cell. What decisions take in flight, with all fits, has figures too,
-and so have compiled flights that keep no belief and predict a few cells a step. Compiling is warm-up, and what it costs when the machine code is in numba's cache is the last figure.
+and so have compiled flights that keep no belief and predict a few cells a step. Compiling is warm-up, and what it costs
+when the machine code is in numba's cache is the last figure.
 """
 
 from __future__ import annotations
