@@ -29,6 +29,7 @@ from fleet.contexts.grid import Grid  # noqa: E402
 from fleet.functions.classes import class_mean, likely_values  # noqa: E402
 from fleet.functions.evaluation import truth_metrics  # noqa: E402
 from fleet.functions.extrapolation import Extrapolation, extrapolate  # noqa: E402
+from fleet.functions.kriging import prepare_for_many  # noqa: E402
 
 COMMAND = "python bench/extrapolation.py"
 SHARES = (0.05, 0.15, 0.25, 0.40)
@@ -74,6 +75,7 @@ def main() -> None:
         environments = [field(name).environment for name in AIMED]
     except FileNotFoundError as error:
         sys.exit(str(error))
+    prepare_for_many()
     rows = [row for environment in environments for row in compare(environment, arguments.seeds)]
     print_table(rows)
     if arguments.json:

@@ -22,13 +22,36 @@ def program(function: _F) -> _F:
     """
     options: dict[str, Any] = {"nogil": True, "_nrt": False}
     try:
-        return cast(_F, numba.njit(cache=True, **options)(function))
+        compiled = numba.njit(cache=True, **options)(function)
     except RuntimeError:  # neither the package's folder nor the user's cache can be written: each process compiles
         return cast(_F, numba.njit(**options)(function))
+    _forgive_what_has_moved(compiled._cache._cache_file)
+    return cast(_F, compiled)
+
+
+def _forgive_what_has_moved(file: Any) -> None:
+    """Take a list of cached code that cannot be read for an empty one.
+
+    numba reads the types of arguments, tuples' classes among them by name, before it looks whether the code is of this
+    source at all. Without this, a class that has another name since an update would be an error at the first call.
+    """
+    read = file._load_index
+
+    def read_or_none() -> Any:
+        try:
+            return read()
+        except (AttributeError, ImportError):
+            return {}
+
+    file._load_index = read_or_none
 
 
 def part(function: _F) -> _F:
-    """Make a function a part of the programs that call it: a real call would pass its state through memory."""
+    """Make a function a part of the programs that call it: a real call would pass its state through memory.
+
+    numba's cache looks at the file of the program alone, so a program from another file than its part's has to be
+    touched when the part changes.
+    """
     return cast(_F, numba.njit(inline="always")(function))
 
 

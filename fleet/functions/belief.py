@@ -5,7 +5,8 @@ of kriging from scratch. The covariance is fitted anew, and the whole field pred
 more captured cells than at the last fit: the cost of that is spread over the cells in between.
 
 The state is a tuple of plain arrays, and what changes it is compiled without allocations, so that compiled simulators
-can have beliefs too (`take_in`, `settle` and `below` of `fleet.functions.kriging_kernel`).
+can have beliefs too (`take_in`, `settle` and `below` of `fleet.functions.kriging_kernel`). One that asks about a few
+cells a step is faster without: `look` and `expect` predict one cell from what is captured, in a fifth of a microsecond.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from scipy.special import ndtr
 from fleet.contexts.grid import Grid
 from fleet.functions import compiled_kriging, kriging_kernel
 from fleet.functions.classes import CLASS_THRESHOLDS
-from fleet.functions.kriging import NEIGHBOURS, Prediction, Variogram, fit, places_of
-from fleet.functions.local_kriging import Cells, Flags, Places, Values, squared_distance
+from fleet.functions.kriging import Prediction, Variogram, fit, places_of
+from fleet.functions.local_kriging import NEIGHBOURS, Cells, Flags, Places, Values, squared_distance
 
 _GROWTH = 1.25
 """A variogram is good for so many times the captured cells that it was fitted to."""
@@ -45,7 +46,7 @@ class BeliefArrays(NamedTuple):
         captured: Number of captured cells, int64 [1].
         changed: Cells to predict anew, int32 [cells], as many as the kernel says.
         marked: Whether a cell is among these, bool [cells].
-        factor: For intermediate results, float64 [8, 12].
+        scratch: For intermediate results.
     """
 
     places: Places
@@ -60,7 +61,7 @@ class BeliefArrays(NamedTuple):
     captured: NDArray[np.int64]
     changed: Cells
     marked: Flags
-    factor: Values
+    scratch: compiled_kriging.Scratch
 
 
 def blank(grid: Grid, variogram: Variogram) -> BeliefArrays:
@@ -80,7 +81,7 @@ def blank(grid: Grid, variogram: Variogram) -> BeliefArrays:
         captured=np.zeros(1, dtype=np.int64),
         changed=np.empty(grid.cells, dtype=np.int32),
         marked=np.zeros(grid.cells, dtype=bool),
-        factor=np.empty((NEIGHBOURS, NEIGHBOURS + 4)),
+        scratch=compiled_kriging.scratch_for(NEIGHBOURS),
     )
 
 

@@ -11,14 +11,15 @@ from dataclasses import dataclass
 from types import ModuleType
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.fft import irfft2, next_fast_len, rfft2
 
 from fleet.contexts.grid import Grid
 from fleet.functions import local_kriging
-from fleet.functions.local_kriging import Flags, Places, Values
+from fleet.functions.local_kriging import NEIGHBOURS, Flags, Places, Values
 
-NEIGHBOURS = 8
-"""Captured cells that predict a cell; on the fields of bench/extrapolation.py more are slower and no better."""
+Indices = NDArray[np.int64]
+
 _FEW = 12
 """With fewer captured cells a variogram means nothing, and DEFAULT is used."""
 _LENGTHS = np.geomspace(0.7, 24.0, 16)
@@ -96,20 +97,41 @@ def _variogram(values: Values, known: Flags, grid: Grid, size: float) -> tuple[V
 
     The sums over all pairs of each lag are correlations, found by fast Fourier transform.
     """
-    shape = (next_fast_len(2 * grid.rows, True), next_fast_len(2 * grid.columns, True))
+    shape, lag, near, bins = _lags(grid.rows, grid.columns, grid.cell_height_m, grid.cell_width_m)
     mask, first, second = (rfft2(part, shape) for part in (known.astype(np.float64), values, values**2))
-    pairs = irfft2(mask * mask.conj(), shape)
-    halves = irfft2((second * mask.conj()).real - (first * first.conj()).real, shape)
-    rows = np.minimum(np.arange(shape[0]), shape[0] - np.arange(shape[0])) * grid.cell_height_m
-    columns = np.minimum(np.arange(shape[1]), shape[1] - np.arange(shape[1])) * grid.cell_width_m
-    lag = np.hypot(rows[:, None], columns[None, :])
-    reach = max(grid.rows * grid.cell_height_m, grid.columns * grid.cell_width_m) / 2
-    use = (lag > 0) & (lag <= reach) & (pairs > 0.5)
-    bins = np.rint(lag[use] / size).astype(np.int64)
-    counts = np.bincount(bins, pairs[use]).astype(np.float64)
+    pairs = _folded(irfft2(mask * mask.conj(), shape), lag.shape)[near]
+    halves = _folded(irfft2((second * mask.conj()).real - (first * first.conj()).real, shape), lag.shape)[near]
+    some = pairs > 0.5
+    bins, pairs = bins[some], pairs[some]
+    counts = np.bincount(bins, pairs).astype(np.float64)
     full = counts > 0
-    distance = np.bincount(bins, lag[use] * pairs[use])[full] / counts[full]
-    return np.asarray(distance), np.maximum(np.bincount(bins, halves[use])[full] / counts[full], 0.0), counts[full]
+    distance = np.bincount(bins, lag[near][some] * pairs)[full] / counts[full]
+    return np.asarray(distance), np.maximum(np.bincount(bins, halves[some])[full] / counts[full], 0.0), counts[full]
+
+
+@functools.lru_cache(maxsize=16)
+def _lags(rows: int, columns: int, height: float, width: float) -> tuple[tuple[int, int], Values, Flags, Indices]:
+    """Shape of the transforms, in which no lag up to half of the field is another one's alias; and these lags.
+
+    Returns:
+        The shape; distance in m, by rows and columns; which of them count; the bins of those.
+    """
+    reach = max(rows * height, columns * width) / 2
+    down, right = min(rows - 1, int(reach / height + 1e-9)), min(columns - 1, int(reach / width + 1e-9))
+    lag = np.hypot(np.arange(down + 1)[:, None] * height, np.arange(right + 1)[None, :] * width)
+    near = (lag > 0) & (lag <= reach)
+    shape = (next_fast_len(rows + down, True), next_fast_len(columns + right, True))
+    return shape, lag, near, np.rint(lag[near] / (height * width) ** 0.5).astype(np.int64)
+
+
+def _folded(correlation: Values, shape: tuple[int, ...]) -> Values:
+    """Sum over both directions of rows and of columns; changes its argument."""
+    down, across = shape
+    half = correlation[:down]
+    half[1:] += correlation[:-down:-1]
+    quarter = half[:, :across]
+    quarter[:, 1:] += half[:, :-across:-1]
+    return quarter
 
 
 def _least_squares(distance: Values, semivariance: Values, pairs: Values, size: float) -> Variogram | None:
@@ -163,7 +185,10 @@ def prepare_for_many() -> bool:
     Returns:
         Whether there is one: numba may be missing, and then maps take longer and are the same.
     """
-    return _compiled() is not None
+    if _compiled() is None:
+        return False
+    krige(np.array([[1.0, np.nan]]), Grid(np.ones((1, 2), dtype=np.bool_)))  # numba loads what is called first
+    return True
 
 
 class _Predicted:

@@ -13,8 +13,11 @@ from typing import Any
 import numpy as np
 
 from fleet.compiled import part, program
-from fleet.functions.local_kriging import LEAST_PIVOT, NEAR_ONE
+from fleet.functions.local_kriging import LEAST_PIVOT, NEAR_ONE, NEIGHBOURS
 
+_int: Any = np.int64  # Any: numba's integers are not numpy's to a type checker
+_word: Any = np.uint64
+_ROW, _COLUMN = _word(0), _word(1)
 TILE = 16
 """Cells along the side of a tile: a captured cell is held against the widest reach of each tile first."""
 _END, _KNOTS_PER_UNIT = 8.5, 32
@@ -25,42 +28,51 @@ _DENSITY = np.array([exp(-knot * knot / 2.0) / sqrt(2.0 * pi) for knot in _KNOTS
 
 
 @part
-def expect(near: Any, count: Any, target: Any, values: Any, places: Any, factor: Any) -> Any:
+def _expect(near: Any, count: Any, target: Any, known: Any, scratch: Any) -> Any:
+    """As `expect`; indices are unsigned, because numba looks whether others are negative."""
+    values, (row, column, _, covariance) = known
+    factor, position = scratch
+    scales, ys, zs, vs = _word(count), _word(count + 1), _word(count + 2), _word(count + 3)
+    to_row, to_column, base = _int(row[target]), _int(column[target]), values[near[0]]
+    yy, zy, zz, yv, zv = 0.0, 0.0, 0.0, 0.0, 0.0
+    for number in range(count):
+        i = _word(number)
+        place = _word(near[i])
+        down, right = _int(row[place]), _int(column[place])
+        position[i, _ROW], position[i, _COLUMN] = down, right
+        y = covariance[_word(abs(down - to_row)), _word(abs(right - to_column))]
+        z, v, pivot = 1.0, values[place] - base, NEAR_ONE
+        for earlier in range(number):
+            j = _word(earlier)
+            x = covariance[_word(abs(down - position[j, _ROW])), _word(abs(right - position[j, _COLUMN]))]
+            for k in range(earlier):
+                x -= factor[i, _word(k)] * factor[j, _word(k)]
+            x *= factor[j, scales]
+            factor[i, j] = x
+            pivot -= x * x
+            y -= x * factor[j, ys]
+            z -= x * factor[j, zs]
+            v -= x * factor[j, vs]
+        scale = 1.0 / sqrt(max(pivot, LEAST_PIVOT))
+        y, z, v = y * scale, z * scale, v * scale
+        factor[i, scales], factor[i, ys], factor[i, zs], factor[i, vs] = scale, y, z, v
+        yy, zy, zz, yv, zv = yy + y * y, zy + z * y, zz + z * z, yv + y * v, zv + z * v
+    multiplier = (zy - 1.0) / zz
+    return base + (yv - multiplier * zv), max(1.0 - yy + multiplier * (zy - 1.0), 0.0)
+
+
+@part
+def expect(near: Any, count: Any, target: Any, known: Any, scratch: Any) -> Any:
     """Expected value of a target, and its variance as a share of the field's; see `local_kriging.solve`.
 
     Args:
         near: Its neighbours, int32 [count or more].
-        factor: For intermediate results, float64 [count, count + 4].
+        known: Values of cells, and their `Places`.
+        scratch: `compiled_kriging.Scratch`.
     """
-    row, column, _, covariance = places
-    base = values[near[0]]
-    yy, zy, zz, yv, zv = 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(count):
-        place = near[i]
-        y = covariance[abs(row[place] - row[target]), abs(column[place] - column[target])]
-        z, v, pivot = 1.0, values[place] - base, NEAR_ONE
-        for j in range(i):
-            x = covariance[abs(row[place] - row[near[j]]), abs(column[place] - column[near[j]])]
-            for k in range(j):
-                x -= factor[i, k] * factor[j, k]
-            x *= factor[j, count]
-            factor[i, j] = x
-            pivot -= x * x
-            y -= x * factor[j, count + 1]
-            z -= x * factor[j, count + 2]
-            v -= x * factor[j, count + 3]
-        scale = 1.0 / sqrt(max(pivot, LEAST_PIVOT))
-        y *= scale
-        z *= scale
-        v *= scale
-        factor[i, count], factor[i, count + 1], factor[i, count + 2], factor[i, count + 3] = scale, y, z, v
-        yy += y * y
-        zy += z * y
-        zz += z * z
-        yv += y * v
-        zv += z * v
-    multiplier = (zy - 1.0) / zz
-    return base + (yv - multiplier * zv), max(1.0 - yy + multiplier * (zy - 1.0), 0.0)
+    if count == NEIGHBOURS:  # the processor's code is better with a number that it knows
+        return _expect(near, NEIGHBOURS, target, known, scratch)
+    return _expect(near, count, target, known, scratch)
 
 
 @part
@@ -76,56 +88,77 @@ def _first(apart: Any, bound: Any) -> Any:
     return low
 
 
+@part
+def look(known: Any, corner: Any, target: Any, steps: Any, start: Any, near: Any) -> Any:
+    """Write the nearest captured cells of one cell, nearest first, as far as the list of steps goes.
+
+    With `expect`, this predicts one cell of a field of which only the captured cells are kept.
+
+    Args:
+        known: Captured cells, with the margin of the steps, uint8 [cells and margin].
+        corner: Number of the target in that.
+        start: The first step to take.
+        near: Result, int32 [count].
+
+    Returns:
+        How many were found, and the number of the step to the nearest.
+    """
+    found, first = 0, len(steps.way)
+    for step in range(start, len(steps.way)):
+        if known[_word(corner + steps.way[_word(step)])]:
+            near[found] = target + steps.change[step]
+            first = step if found == 0 else first
+            found += 1
+            if found == len(near):
+                break
+    return found, first
+
+
 @program
-def search(known: Any, corners: Any, steps: Any, apart: Any, near: Any) -> Any:
+def search(known: Any, targets: Any, columns: Any, steps: Any, near: Any) -> Any:
     """Neighbours of each target, nearest first, as far as the list of steps goes.
 
     A target beside the last one has no neighbour that is nearer than the last one's nearest by more than one cell.
 
     Args:
-        known: Captured cells with a margin as wide as the longest step, uint8 [cells with margin].
-        corners: Numbers of the targets in that, ascending, int64 [targets].
-        steps: To all cells around, by distance and then by number, int64 [steps].
-        apart: How long each step is, in widths of a cell, float64 [steps].
-        near: Result, in numbers of that, int32 [targets, count]; -1 in the first place where the steps do not suffice.
+        known: As for `look`, [rows and margin, columns and margin].
+        targets: Cell numbers, ascending, int32 [targets].
+        columns: Of the grid.
+        steps: `compiled_kriging.Steps`.
+        near: Result, int32 [targets, count]; -1 in the first place where the steps do not suffice.
 
     Returns:
         Number of targets for which they do not.
     """
-    lacking, count = 0, near.shape[1]
-    nearest = 0.0
-    for target in range(len(corners)):
-        corner = corners[target]
-        beside = target > 0 and corner == corners[target - 1] + 1
-        start = _first(apart, nearest - 1.0 - 1e-6) if beside and nearest > 2.0 else 0
-        found = 0
-        nearest = apart[-1]
-        for step in range(start, len(steps)):
-            place = corner + steps[step]
-            if known[place]:
-                near[target, found] = place
-                nearest = apart[step] if found == 0 else nearest
-                found += 1
-                if found == count:
-                    break
-        if found < count:
-            near[target, 0] = -1
+    flat, width = known.reshape(-1), known.shape[1]
+    lacking, nearest = 0, 0.0
+    for number in range(len(targets)):
+        target = targets[number]
+        row, column = divmod(_int(target), columns)
+        corner = (row + steps.margin[0]) * width + column + steps.margin[1]
+        beside = number > 0 and target == targets[number - 1] + 1 and column > 0
+        start = _first(steps.length, nearest - 1.0 - 1e-6) if beside and nearest > 2.0 else 0
+        found, first = look(flat, corner, target, steps, start, near[number])
+        if len(steps.way):
+            nearest = steps.length[min(first, len(steps.way) - 1)]
+        if found < near.shape[1]:
+            near[number, 0] = -1
             lacking += 1
     return lacking
 
 
 @program
-def solve(near: Any, targets: Any, values: Any, places: Any, factor: Any, found: Any) -> None:
-    """As `local_kriging.solve`, into `found`, float64 [2, targets]; `factor` as for `expect`."""
+def solve(near: Any, targets: Any, known: Any, scratch: Any, found: Any) -> None:
+    """As `local_kriging.solve`, into `found`, float64 [2, targets]."""
     for index in range(len(targets)):
-        found[0, index], found[1, index] = expect(near[index], near.shape[1], targets[index], values, places, factor)
+        found[0, index], found[1, index] = expect(near[index], near.shape[1], targets[index], known, scratch)
 
 
 @part
 def _apart(places: Any, first: Any, second: Any) -> Any:
     """Squared distance of two cells, as `local_kriging.squared_distance`."""
-    rows = np.int64(places.row[first]) - places.row[second]
-    columns = np.int64(places.column[first]) - places.column[second]
+    rows = _int(places.row[first]) - places.row[second]
+    columns = _int(places.column[first]) - places.column[second]
     return rows * rows * places.aspect + columns * columns
 
 
@@ -173,7 +206,7 @@ def _reach_tile(belief: Any, tile: Any, captured: Any, changed: Any) -> Any:
 @part
 def _beyond(place: Any, tile: Any) -> Any:
     """How many rows or columns a place is outside of a tile."""
-    return max(np.int64(tile * TILE - place), np.int64(place - (tile * TILE + TILE - 1)), np.int64(0))
+    return max(_int(tile * TILE - place), _int(place - (tile * TILE + TILE - 1)), _int(0))
 
 
 @part
@@ -204,11 +237,12 @@ def take_in(belief: Any, cell: Any, value: Any, changed: Any) -> Any:
 def settle(belief: Any, changed: Any) -> None:
     """Predict the cells that have changed anew."""
     count = min(belief.captured[0], belief.near.shape[1])
+    known = (belief.values, belief.places)
     for index in range(changed):
         cell = belief.changed[index]
         belief.marked[cell] = False
         if belief.reach[cell] >= 0.0:
-            expected, share = expect(belief.near[cell], count, cell, belief.values, belief.places, belief.factor)
+            expected, share = expect(belief.near[cell], count, cell, known, belief.scratch)
             belief.total[0] += expected - belief.mean[cell]
             belief.mean[cell] = expected
             belief.deviation[cell] = sqrt(share * belief.variance)
@@ -235,8 +269,8 @@ def below(bound: Any, mean: Any, deviation: Any) -> Any:
     if deviation == 0.0:
         return 1.0 if mean <= bound else 0.0
     x = min(max((bound - mean) / deviation, -_END), _END)
-    knot = np.int64((x + _END) * _KNOTS_PER_UNIT + 0.5)
-    at = knot / _KNOTS_PER_UNIT - _END
+    knot = _word((x + _END) * _KNOTS_PER_UNIT + 0.5)
+    at = _int(knot) / _KNOTS_PER_UNIT - _END
     h, square = x - at, at * at
     series = (square * (square - 6.0) + 3.0) * (h / 5.0)
     series = (series - at * (square - 3.0)) * (h / 4.0)

@@ -18,6 +18,8 @@ Values = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Cells = NDArray[np.int32]
 
+NEIGHBOURS = 8
+"""Captured cells that predict a cell; on the fields of bench/extrapolation.py more are slower and no better."""
 NEAR_ONE = 1.0 + 1e-9
 """Covariance of a cell with itself; a little more than 1, so that a smooth field's systems can be solved."""
 LEAST_PIVOT = 1e-12

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,11 +11,13 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
+from fleet.compiled import program
 from fleet.contexts.base import Environment
 from fleet.contexts.grid import Grid
-from fleet.functions.belief import Belief
+from fleet.functions.belief import Belief, blank
 from fleet.functions.classes import class_mean, class_probabilities
 from fleet.functions.kriging import Prediction, Variogram, krige, predict
+from fleet.functions.kriging_kernel import below, settle, take_in
 
 Values = NDArray[np.float64]
 SOME = Variogram(12.0, 0.2, 30.0)
@@ -128,3 +132,33 @@ def test_what_says_nothing_new_changes_nothing() -> None:
 def test_cells_beside_the_grid_and_values_that_lack_are_errors(cells: list[int], values: list[float]) -> None:
     with pytest.raises(ValueError, match=r"not on the grid|one value for each cell"):
         Belief(Grid(np.ones((4, 4), dtype=bool))).observe(cells, values)
+
+
+@program
+def scout(belief: Any, truth: Any, steps: Any, bound: Any) -> Any:
+    """A flight that goes on where the class is least clear."""
+    cell = 0
+    for _ in range(steps):
+        changed = take_in(belief, cell, truth[cell], 0)
+        settle(belief, changed)
+        closest = 1.0
+        for other in range(len(truth)):
+            if belief.reach[other] >= 0.0:
+                apart = abs(below(bound, belief.mean[other], belief.deviation[other]) - 0.5)
+                if apart < closest:
+                    closest, cell = apart, other
+    return cell
+
+
+def test_a_compiled_flight_has_the_same_belief() -> None:
+    grid, truth = Grid(np.ones((20, 30), dtype=bool), 3.0, 2.0), np.random.default_rng(3).normal(size=600)
+    state, belief = blank(grid, SOME), Belief(grid, SOME)
+    last = scout(state, truth, 40, 0.5)
+    assert state.captured[0] == 40
+    assert state.reach[last] >= 0.0
+    flown = np.flatnonzero(state.reach < 0.0)
+    belief.observe(flown, truth[flown])
+    np.testing.assert_array_equal(state.mean, belief.state.mean)
+    np.testing.assert_array_equal(state.deviation, belief.state.deviation)
+    left = state.reach >= 0.0
+    np.testing.assert_array_equal(state.near[left], belief.state.near[left])

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,9 +15,11 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
+from fleet.compiled import program
 from fleet.contexts.grid import Grid
 from fleet.functions import compiled_kriging, kriging, local_kriging
-from fleet.functions.kriging import Variogram, places_of
+from fleet.functions.kriging import Variogram, places_of, predict
+from fleet.functions.kriging_kernel import expect, look
 from tests.conftest import ROOT
 
 Values = NDArray[np.float64]
@@ -31,7 +34,7 @@ def fields(draw: st.DrawFn) -> tuple[Flags, Grid]:
     share = draw(st.sampled_from([0.02, 0.2, 0.6]))
     known = np.random.default_rng(draw(st.integers(0, 2**32 - 1))).random(shape) < share
     known[draw(st.integers(0, shape[0] - 1)), draw(st.integers(0, shape[1] - 1))] = True
-    height, width = draw(st.sampled_from([(1.0, 1.0), (11.9, 8.9), (0.3, 9.0), (7.0, 1.0), (0.1, 0.1)]))
+    height, width = draw(st.sampled_from([(1.0, 1.0), (11.9, 8.9), (0.3, 9.0), (7.0, 1.0), (0.1, 0.1), (0.001, 9.0)]))
     return known, Grid(np.ones(shape, dtype=bool), height, width)
 
 
@@ -102,6 +105,16 @@ def test_both_forms_give_the_same_bits(field: tuple[Flags, Grid], variogram: Var
     np.testing.assert_array_equal(plain, fast)
 
 
+@pytest.mark.parametrize("size", [(1.0, 1.0), (0.001, 9.0), (9.0, 0.001)])
+@pytest.mark.parametrize("shape", [(1, 9), (9, 1)])
+def test_strips_of_cells_are_grids_too(shape: tuple[int, int], size: tuple[float, float]) -> None:
+    grid, known = Grid(np.ones(shape, dtype=bool), *size), np.zeros(shape, dtype=bool)
+    known.flat[[0, 4]] = True
+    for form in FORMS:
+        near = form.nearest(known, np.array([1, 2, 3, 8], dtype=np.int32), grid, 2)
+        assert near.tolist() == [[0, 4], [0, 4], [4, 0], [4, 0]]
+
+
 @pytest.mark.parametrize("known_rows", [1, 30])
 def test_cells_far_from_all_captured_ones_have_the_same_neighbours(known_rows: int) -> None:
     known = np.zeros((110, 60), dtype=bool)
@@ -110,6 +123,37 @@ def test_cells_far_from_all_captured_ones_have_the_same_neighbours(known_rows: i
     near = [form.nearest(known, targets, grid, 8) for form in FORMS]
     np.testing.assert_array_equal(near[0], near[1])
     np.testing.assert_array_equal(near[1], plain_nearest(known, grid, 8))
+
+
+@program
+def predict_one_by_one(flat: Any, targets: Any, steps: Any, field: Any, room: Any) -> None:
+    """As a compiled simulator would, that keeps captured cells only."""
+    columns, width, known = field
+    near, scratch, result = room
+    for index in range(len(targets)):
+        target = targets[index]
+        corner = (target // columns + steps.margin[0]) * width + target % columns + steps.margin[1]
+        found, _ = look(flat, corner, target, steps, 0, near)
+        result[index] = expect(near, found, target, known, scratch)[0] if found == len(near) else np.nan
+
+
+@settings(max_examples=40)
+@given(fields(), variograms)
+def test_a_cell_that_is_predicted_alone_is_that_of_the_map(field: tuple[Flags, Grid], variogram: Variogram) -> None:
+    known, grid = field
+    targets, steps = np.flatnonzero(~known).astype(np.int32), compiled_kriging.steps_for(grid)
+    values, places, padded = values_of(known), places_of(grid, variogram), compiled_kriging.with_margin(known, steps)
+    found, count = np.empty(len(targets)), min(8, int(known.sum()))
+    predict_one_by_one(
+        padded.reshape(-1),
+        targets,
+        steps,
+        (grid.columns, padded.shape[1], (values.reshape(-1), places)),
+        (np.empty(count, dtype=np.int32), compiled_kriging.scratch_for(count), found),
+    )
+    reached = ~np.isnan(found)
+    assert reached.all() or grid.cell_height_m == 0.001  # such long cells have fewer steps than there are cells
+    np.testing.assert_array_equal(found[reached], predict(values, known, ~known, grid, variogram)[0][reached])
 
 
 MAP = """
