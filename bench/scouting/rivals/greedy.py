@@ -32,6 +32,8 @@ Flags = NDArray[np.bool_]
 Worth = Callable[[Field, Flags, Flags], Values]
 """Worth of capturing each cell, float64 [rows, columns]; from the captured cells and those that will be before long,
 both bool [cells]."""
+_LEAST = 1e-9
+"""Worth of any stretch, so that the nearest is taken where none is worth anything."""
 _LONGEST = 1.3
 """E after which the mission ends though cells are left."""
 
@@ -85,12 +87,14 @@ class Greedy:
         while swarm.left.any() and swarm.spent_j < _LONGEST * thorough_j(place, agents):
             agent = int(np.argmin(swarm.time_s))
             worth = np.where(swarm.left, self.worth(place, *swarm.known(agent)), 0.0)
-            path = self._stretch(swarm, agent, worth)
-            swarm.follow(agent, path[: max(1, round(self.flown * len(path)))])
-        return tuple(flown(place.grid, np.array(path)) for path in swarm.paths)
+            swarm.follow(agent, self._stretch(swarm, agent, worth))
+        return tuple(
+            flown(place.grid, np.array(path), np.array(captured))
+            for path, captured in zip(swarm.paths, swarm.captures, strict=True)
+        )
 
     def _stretch(self, swarm: _Swarm, agent: int, worth: Values) -> NDArray[np.int64]:
-        """The cells of the best stretch, without the one that the agent is in."""
+        """The cells of the best stretch, as far as it is flown, without the one that the agent is in."""
         grid, here = swarm.place.grid, swarm.paths[agent][-1]
         moves, energy_j = _distances(grid, here)
         on_way = _along_legs(grid, np.stack((worth, swarm.left.astype(np.float64))), here)
@@ -98,11 +102,11 @@ class Greedy:
         near = swarm.left & (moves >= self.shortest) & (moves <= self.longest)
         if not near.any():
             near = swarm.left & (moves <= max(self.longest, int(moves[swarm.left].min())))
-        rate = np.where(near, on_way[:, 0] / np.maximum(price_j, 1e-9), -1.0)
-        if rate.max() <= 0.0:  # nothing of worth so near
-            rate = np.where(swarm.left, (on_way[:, 0] + 1e-9) / np.maximum(price_j, 1e-9), -1.0)
+        rate = np.where(near, (on_way[:, 0] + _LEAST) / np.maximum(price_j, 1.0), -1.0)
         leg, target = divmod(int(rate.argmax()), grid.cells)
-        return between(grid, here, target, rows_first=leg == 0)[1:]
+        path = between(grid, here, target, rows_first=leg == 0)[1:]
+        first = int(np.argmax(swarm.left.reshape(-1)[path]))  # looking again before it could turn it back
+        return path[: max(first + 1, round(self.flown * len(path)))]
 
 
 def gaussian_process() -> Greedy:
@@ -127,6 +131,7 @@ class _Swarm:
     place: Field
     starts: list[int]
     paths: list[list[int]] = field(init=False)
+    captures: list[list[bool]] = field(init=False)
     time_s: Values = field(init=False)
     spent_j: float = field(init=False)
     captured_s: Values = field(init=False)
@@ -134,6 +139,7 @@ class _Swarm:
 
     def __post_init__(self) -> None:
         self.paths = [[start] for start in self.starts]
+        self.captures = [[True] for _ in self.starts]
         self.time_s = np.full(len(self.starts), ENERGY.take_off().time_s + ENERGY.capture().time_s)
         self.spent_j = len(self.starts) * (ENERGY.take_off() + ENERGY.land() + ENERGY.capture()).energy_j
         self.captured_s = np.full(self.place.grid.cells, np.inf)
@@ -156,11 +162,12 @@ class _Swarm:
             step = row - before[0] + 1, column - before[1] + 1
             self.time_s[agent] += time_s[step]
             self.spent_j += energy_j[step]
+            self.paths[agent].append(cell)
+            self.captures[agent].append(bool(self.left.flat[cell]))
             if self.left.flat[cell]:
                 self.time_s[agent] += ENERGY.capture().time_s
                 self.spent_j += ENERGY.capture().energy_j
                 self.left.flat[cell], self.captured_s[cell] = False, self.time_s[agent]
-        self.paths[agent] += path.tolist()
 
 
 def _distances(grid: Grid, here: int) -> tuple[NDArray[np.int64], Values]:

@@ -147,7 +147,10 @@ def _led_to(values: Values, grid: Grid, move: int) -> tuple[Values, Values]:
 
 
 def _flights(layout: Layout, scores: Values, how: tuple[int, float, int]) -> Flights:
-    """One mission with a score table; `how` is cells to visit in a group, share of random moves, and the seed."""
+    """One mission with a score table; `how` is cells to visit in a group, share of random moves, and the seed.
+
+    An agent leaves a group when it has visited more cells than the threshold says.
+    """
     visited, exploration, seed = how
     batch = Batch(
         scores=np.where(layout.grid.valid.reshape(-1, 1), scores, 0.0)[None],
@@ -155,7 +158,7 @@ def _flights(layout: Layout, scores: Values, how: tuple[int, float, int]) -> Fli
         rewards=np.zeros((1, layout.grid.cells)),
         reward_of=np.zeros(1, dtype=np.int64),
         utility_thresholds=np.full(1, np.inf),
-        visited_thresholds=np.full(1, visited, dtype=np.int64),
+        visited_thresholds=np.full(1, visited - 1, dtype=np.int64),
         exploration=np.full(1, exploration),
         missions=np.zeros(1, dtype=np.int64),
         seed=seed,
