@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from functools import cache
+from io import StringIO
+from pathlib import Path
 
 import numpy as np
 import pytest
 from rich.console import Console
 
 from bench.scouting import __main__ as program
+from bench.scouting.aims import against_best, at_equal_cells, at_share, best_rival
 from bench.scouting.baselines import published
 from bench.scouting.campaign import Curves, Job
 from bench.scouting.fields import Field, noise, planted
 from bench.scouting.flight import ENERGY, thorough_j
-from bench.scouting.judge import Curve, How, judged
+from bench.scouting.judge import CHECKPOINTS, Curve, How, judged
 from bench.scouting.paths import between
+from bench.scouting.plots import draw
 from bench.scouting.registry import plans
 from bench.scouting.rivals.greedy import _along_legs, _distances, doubt, mistakes
 from bench.scouting.rivals.groups import ClassicRL, Groups, others
@@ -149,7 +153,7 @@ def test_neighbours_choose_the_move_that_led_to_most() -> None:
     assert (known[:, 4:] == 0).all()
 
 
-def test_tables_hold_what_was_reached(capsys: pytest.CaptureFixture[str]) -> None:
+def test_tables_and_pictures_hold_what_was_reached(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     curves: Curves = {
         Job(name, "planted", 2, seed): judged(plan, PLANTED, 2, seed, tuple(How))
         for name, plan in (("transects, rows", Transects(True)), ("random + tour", RandomTour()))
@@ -158,8 +162,35 @@ def test_tables_hold_what_was_reached(capsys: pytest.CaptureFixture[str]) -> Non
     program.show(curves, Console(width=200), "transects, rows")
     text = capsys.readouterr().out
     assert text.count("planted, ") == text.count("minus transects, rows") == len(How)
+    for suffix in ("png", "svg"):
+        draw(curves, How.KR, tmp_path / f"curves.{suffix}")
+    assert (tmp_path / "curves.png").read_bytes().startswith(b"\x89PNG")
+    drawn = (tmp_path / "curves.svg").read_text()
+    assert all(f"<!-- {text} -->" in drawn for text in ("transects, rows", "random + tour", "planted"))
     expected = np.mean([curve.accuracy[How.NM][38] for job, curve in curves.items() if job.plan == "random + tour"])
     assert at_energy(curves, "random + tour", ["planted"], 0.4, How.NM).mean() == pytest.approx(expected)
+
+
+def flat(accuracy: float) -> Curve:
+    """A plan that has an accuracy at once, and a cell for each share of energy."""
+    return Curve(CHECKPOINTS.copy(), {How.KR: np.full(len(CHECKPOINTS), accuracy)}, 1.0, 1.0, 1.0)
+
+
+def test_the_best_rival_is_the_one_that_needs_the_least_energy() -> None:
+    slow = Curve(CHECKPOINTS.copy(), {How.KR: np.linspace(0.4, 1.0, len(CHECKPOINTS))}, 1.0, 1.0, 1.0)
+    curves: Curves = {
+        Job("transects, rows", "planted", 2, 0): slow,
+        Job("transects, columns", "planted", 2, 0): flat(0.75),
+        Job("lattice + tour", "planted", 2, 0): flat(0.6),
+    }
+    assert best_rival(curves, "planted", 0, How.KR) == ("transects, columns", CHECKPOINTS[0])
+    assert best_rival(curves, "planted", 1, How.KR)[0] == "transects, rows"
+    assert at_share(curves, "transects, columns", 0.4, How.KR).tolist() == [0.75]
+    console = Console(width=200, record=True, file=StringIO())
+    console.print(against_best(curves, How.KR), at_equal_cells(curves, How.KR))
+    text = console.export_text()
+    assert "-15.0 [-15.0, -15.0]" in text  # lattice at the energy of the columns
+    assert "+15.0 [+15.0, +15.0]" in text  # columns at the cells of the lattice
 
 
 def test_published_figures_are_found_by_plan_and_field() -> None:
