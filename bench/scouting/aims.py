@@ -10,7 +10,6 @@ from rich.table import Table
 
 from bench.scouting.campaign import Curves
 from bench.scouting.judge import How
-from bench.scouting.statistics import Interval, paired
 from bench.scouting.tables import at_energy, field_names, needed, of, plan_names, points
 
 BEST_OF = ("transects, rows", "transects, columns", "GP over its path")
@@ -34,12 +33,12 @@ def against_best(curves: Curves, how: How) -> Table:
     rivals = {case: best_rival(curves, *case, how) for case in cases}
     titles = [f"{place} {GOALS[goal]:.0%}\n{rival} {at:.2f}" for (place, goal), (rival, at) in rivals.items()]
 
-    def gap(plan: str, case: tuple[str, int]) -> Interval | None:
+    def gap(plan: str, case: tuple[str, int]) -> str:
         rival, energy = rivals[case]
         if not rival or plan == rival:
-            return None
+            return ""
         ours, theirs = (at_energy(curves, name, [case[0]], energy, how) for name in (plan, rival))
-        return paired(ours, theirs)
+        return points(ours, theirs)
 
     rows = {plan: [gap(plan, case) for case in cases] for plan in plan_names(curves)}
     return _table(f"minus the best of {', '.join(BEST_OF)}; {how}, points", titles, rows)
@@ -48,11 +47,11 @@ def against_best(curves: Curves, how: How) -> Table:
 def at_equal_cells(curves: Curves, how: How) -> Table:
     """Accuracy of each plan minus the lattice's where both have as many cells, mean of the fields, in points."""
 
-    def gap(plan: str, share: float) -> Interval:
-        return paired(at_share(curves, plan, share, how), at_share(curves, LATTICE, share, how))
+    def gap(plan: str, share: float) -> str:
+        return points(at_share(curves, plan, share, how), at_share(curves, LATTICE, share, how))
 
     others = [plan for plan in plan_names(curves) if plan != LATTICE]
-    rows: dict[str, list[Interval | None]] = {plan: [gap(plan, share) for share in SHARES] for plan in others}
+    rows = {plan: [gap(plan, share) for share in SHARES] for plan in others}
     return _table(f"minus {LATTICE} at equal cells; {how}, points", [f"at {share:.0%}" for share in SHARES], rows)
 
 
@@ -67,8 +66,8 @@ def of_fields(curves: Curves, wanted: Sequence[str]) -> Curves:
     return {job: curve for job, curve in curves.items() if job.field in wanted}
 
 
-def _table(title: str, columns: list[str], rows: dict[str, list[Interval | None]]) -> Table:
+def _table(title: str, columns: list[str], rows: dict[str, list[str]]) -> Table:
     table = Table("plan", *columns, title=title)
     for plan, found in rows.items():
-        table.add_row(plan, *("" if each is None else points(each) for each in found))
+        table.add_row(plan, *found)
     return table

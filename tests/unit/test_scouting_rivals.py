@@ -13,7 +13,8 @@ from rich.console import Console
 from bench.scouting import __main__ as program
 from bench.scouting.aims import against_best, at_equal_cells, at_share, best_rival
 from bench.scouting.baselines import published
-from bench.scouting.campaign import Curves, Job
+from bench.scouting.campaign import Curves, Job, jobs, read
+from bench.scouting.campaign import flown as run
 from bench.scouting.fields import Field, noise, planted
 from bench.scouting.flight import ENERGY, thorough_j
 from bench.scouting.judge import CHECKPOINTS, Curve, How, judged
@@ -197,3 +198,23 @@ def test_published_figures_are_found_by_plan_and_field() -> None:
     assert published("random + tour", "2018-08-02") == ("6/22/53", "25/47/75")
     assert published("lawnmower", "gartner") == ("47/64/80", "47/64/79")
     assert published("greedy oracle", "gartner") == published("lawnmower", "lasrosas") == ("", "")
+
+
+def test_the_program_writes_every_curve_and_a_picture_for_each_way_to_judge(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    out = tmp_path / "out" / "scouting.json"
+    command = "scouting --fields noise --plans lawnmower --seeds 2 --agents 2 --workers 1 --out"
+    monkeypatch.setattr("sys.argv", [*command.split(), str(out)])
+    program.main()
+    assert list(read(out)) == [Job("lawnmower", "noise", 2, seed) for seed in (0, 1)]
+    assert sorted(path.name for path in out.parent.glob("*.png")) == [f"scouting-{how}.png" for how in sorted(How)]
+    assert "2 of 2" in capsys.readouterr().err
+
+
+def test_several_processes_find_what_one_finds() -> None:
+    wanted = jobs(["lawnmower"], ["noise"], 2, 2)
+    one, two = (run(wanted, workers, lambda done, job: None) for workers in (1, 2))
+    assert list(one) == list(two) == wanted
+    for job in wanted:
+        np.testing.assert_array_equal(one[job].accuracy[How.KR], two[job].accuracy[How.KR])
