@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from bench.scouting.fields import CORN, NOISE, PLANTED, REAL, Field, field, noise, planted
+from bench.scouting.fields import CORN, NOISE, REAL, Field, field, noise, planted
 from bench.scouting.flight import Flights, flown
 from bench.scouting.partition import parts
 from fleet.contexts.grid import Grid
@@ -25,6 +25,8 @@ from fleet.spec.swarm import CARDINAL, Agents, StateSpace
 
 Values = NDArray[np.float64]
 _GROUP_CELLS = 9
+_OTHER_SEED = 1_000_003
+"""Of the made-up field that is known before another one is flown."""
 _MOVES = tuple(MOVES.index(action) for action in CARDINAL)
 
 
@@ -126,8 +128,7 @@ def others(name: str) -> list[Field]:
         return [field(date) for date in CORN if date != name]
     if name in REAL:
         return [field(other) for other in REAL if other != name]
-    made: dict[str, Field] = {PLANTED: Field(planted(1)), NOISE: Field(noise(1))}
-    return [made[name]] if name in made else [Field(planted(1))]
+    return [Field((noise if name.startswith(NOISE) else planted)(_OTHER_SEED))]
 
 
 def _standard(place: Field) -> tuple[Values, Grid]:
