@@ -3,7 +3,8 @@
     python -m bench.scouting [--short] [--seeds 10] [--fields ...] [--plans ...] [--agents 4] [--workers 2]
 
 Prints what each plan needs for 70, 80 and 90 % accuracy, and accuracy at equal energy with paired differences; writes
-every curve to bench/out/scouting.json.
+every curve to bench/out/scouting.json and draws them beside it. A field that is flown is never among those that a plan
+has learned from.
 """
 
 from __future__ import annotations
@@ -15,9 +16,11 @@ from pathlib import Path
 
 from rich.console import Console
 
+from bench.scouting.aims import BEST_OF, LATTICE, against_best, at_equal_cells, of_fields
 from bench.scouting.campaign import Curves, Job, flown, jobs, write
 from bench.scouting.fields import AIMED, NAMES
 from bench.scouting.judge import How
+from bench.scouting.plots import draw
 from bench.scouting.registry import plans
 from bench.scouting.tables import differences, field_names, means, plan_names, to_goals
 
@@ -41,7 +44,9 @@ def main() -> None:
     show(curves, console, arguments.against)
     command = "python -m bench.scouting " + " ".join(sys.argv[1:])
     write(arguments.out, curves, command.strip())
-    console.print(f"{len(curves)} missions in {arguments.out}; {command}")
+    for how in How:
+        draw(curves, how, arguments.out.with_name(f"{arguments.out.stem}-{how}.png"))
+    console.print(f"{len(curves)} curves in {arguments.out}, and pictures beside it; {command}")
 
 
 def show(curves: Curves, console: Console, against: str) -> None:
@@ -53,6 +58,10 @@ def show(curves: Curves, console: Console, against: str) -> None:
         aimed = set(AIMED) <= set(places)
         if aimed:
             console.print(means(curves, how))
+        if set(BEST_OF) & set(names):
+            console.print(against_best(curves, how))
+        if LATTICE in names:
+            console.print(at_equal_cells(of_fields(curves, AIMED) if aimed else curves, how))
         if against in names and len(names) > 1:
             console.print(differences(curves, against, AIMED if aimed else places, how))
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.scouting.fields import Field, field
+from bench.scouting.fields import MADE_UP, Field, field
 from bench.scouting.judge import CHECKPOINTS, Curve, How, Values, judged
 from bench.scouting.registry import plans
 
@@ -65,13 +65,13 @@ def _answers(wanted: Sequence[Job], workers: int) -> Iterator[tuple[Job, Curve]]
 
 def fly(job: Job) -> Curve:
     """Fly and judge one job."""
-    return judged(plans()[job.plan], known(job.field), job.agents, job.seed)
+    return judged(plans()[job.plan], known(job.field, job.seed if job.field in MADE_UP else 0), job.agents, job.seed)
 
 
 @cache
-def known(name: str) -> Field:
-    """A field, read once in a process."""
-    return field(name)
+def known(name: str, seed: int) -> Field:
+    """A field, read or made once in a process."""
+    return field(name, seed)
 
 
 def write(path: Path, curves: Curves, command: str) -> None:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from bench.scouting.plans import Plan
+from bench.scouting.rivals.greedy import gaussian_process, greedy_oracle
+from bench.scouting.rivals.groups import ClassicRL, Groups
 from bench.scouting.rivals.lines import Lawnmower, Transects
+from bench.scouting.rivals.oracle import OracleTour
 from bench.scouting.rivals.tours import LatticeTour, RandomTour
 
 
@@ -17,5 +20,11 @@ def plans() -> dict[str, Plan]:
         Transects(along_rows=True),
         Transects(along_rows=False),
         Lawnmower(),
+        gaussian_process(),
+        ClassicRL(),
+        Groups(),
+        Groups(whole_path=True),
+        OracleTour(),
+        greedy_oracle(),
     )
     return {plan.name: plan for plan in every}

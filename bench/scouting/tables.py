@@ -12,7 +12,7 @@ from bench.scouting.baselines import published
 from bench.scouting.campaign import Curves
 from bench.scouting.fields import AIMED
 from bench.scouting.judge import CHECKPOINTS, Curve, How
-from bench.scouting.statistics import Interval, paired
+from bench.scouting.statistics import paired
 
 GOALS = (0.7, 0.8, 0.9)
 ENERGIES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
@@ -76,17 +76,17 @@ def differences(curves: Curves, against: str, places: Sequence[str], how: How) -
     table = Table("plan", *(f"at {energy:.0%}" for energy in ENERGIES), title=f"minus {against}, {how}, points")
     for plan in plan_names(curves):
         if plan != against:
-            row = []
-            for energy in ENERGIES:
-                ours, theirs = (at_energy(curves, name, places, energy, how) for name in (plan, against))
-                row.append(paired(ours, theirs))
-            table.add_row(plan, *(points(found) for found in row))
+            pairs = [[at_energy(curves, name, places, energy, how) for name in (plan, against)] for energy in ENERGIES]
+            table.add_row(plan, *(points(ours, theirs) for ours, theirs in pairs))
     return table
 
 
-def points(found: Interval) -> str:
-    """A difference in points with its interval."""
-    return f"{100 * found.mean:+.1f} [{100 * found.low:+.1f}, {100 * found.high:+.1f}]" if found.pairs else ""
+def points(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> str:
+    """Ours minus theirs in points with its interval; empty unless both have a figure for every seed."""
+    found = paired(ours, theirs)
+    if found.pairs < len(ours):
+        return ""
+    return f"{100 * found.mean:+.1f} [{100 * found.low:+.1f}, {100 * found.high:+.1f}]"
 
 
 def _percent(figures: Sequence[float]) -> str:
