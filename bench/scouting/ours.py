@@ -1,4 +1,4 @@
-"""The platform's own swarm as a plan."""
+"""The platform's own swarm as a plan, and the same swarm without what it has learned."""
 
 from __future__ import annotations
 
@@ -8,15 +8,52 @@ import numpy as np
 
 from bench.scouting.fields import Field
 from bench.scouting.flight import ENERGY, Flights, flown
-from fleet.planning.swarm import Swarm, Tactics
+from fleet.missions.layout import MOVES
+from fleet.planning.interest import InterestWeights
+from fleet.planning.paths import STRAIGHT
+from fleet.planning.swarm import Scout, Swarm, Tactics
+
+DEFAULT = Tactics()
+NO_LINES = Tactics(spacing=0)
+DOUBT_ONLY = Tactics(weights=InterestWeights(doubt_around=0.0, novelty=0.0))
+
+
+class Wanderers(Swarm):
+    """The same parts, first lines and way to go elsewhere, but random moves to cells that are not captured."""
+
+    def __init__(self, field: Field, agents: int, tactics: Tactics, seed: int) -> None:
+        super().__init__(field.grid, ENERGY, agents, tactics, seed)
+        self._generator = np.random.default_rng([seed, 1])
+        self._field = field
+
+    def choose_path(self, scout: Scout) -> tuple[int, ...]:
+        """One random move; where none leads to a new cell, the way to the nearest one of the agent's part."""
+        grid, free = self._field.grid, self.belief.free
+        moves = []
+        for move in range(STRAIGHT):
+            cell = grid.neighbour(scout.cell, MOVES[move])
+            if cell is not None and free.flat[cell]:
+                moves.append(move)
+        if moves:
+            return (int(self._generator.choice(moves)),)
+        left = np.argwhere(free & scout.own) if (free & scout.own).any() else np.argwhere(free)
+        way = np.abs(left - grid.position(scout.cell)).sum(axis=1)
+        return self.finder.towards(scout.cell, grid.cell(*left[int(way.argmin())].tolist()))
 
 
 @dataclass(frozen=True)
 class Ours:
-    """Flies on to the end, and is judged all along its way."""
+    """Flies on to the end, and is judged all along its way.
 
-    tactics: Tactics = Tactics()
+    Args:
+        name: For tables.
+        tactics: How it scouts.
+        wanders: Whether its moves are random.
+    """
+
     name: str = "belief, planned"
+    tactics: Tactics = DEFAULT
+    wanders: bool = False
 
     def budgets(self, field: Field) -> tuple[float, ...]:
         """None."""
@@ -24,6 +61,19 @@ class Ours:
 
     def fly(self, field: Field, agents: int, seed: int, budget: float | None) -> Flights:
         """Fly until every cell is captured."""
-        swarm = Swarm(field.grid, ENERGY, agents, self.tactics, seed)
+        if self.wanders:
+            swarm: Swarm = Wanderers(field, agents, self.tactics, seed)
+        else:
+            swarm = Swarm(field.grid, ENERGY, agents, self.tactics, seed)
         swarm.fly(lambda cell: float(field.truth[cell]))
         return tuple(flown(field.grid, np.array(scout.cells), np.array(scout.captured)) for scout in swarm.scouts)
+
+
+def ours() -> tuple[Ours, ...]:
+    """The default, and what is left of it without its parts."""
+    return (
+        Ours(),
+        Ours("belief, random moves", wanders=True),
+        Ours("belief, no first lines", NO_LINES),
+        Ours("belief, doubt only", DOUBT_ONLY),
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bench.scouting.ours import ours
 from bench.scouting.plans import Plan
 from bench.scouting.rivals.greedy import gaussian_process, greedy_oracle
 from bench.scouting.rivals.groups import ClassicRL, Groups
@@ -26,5 +27,6 @@ def plans() -> dict[str, Plan]:
         Groups(whole_path=True),
         OracleTour(),
         greedy_oracle(),
+        *ours(),
     )
     return {plan.name: plan for plan in every}

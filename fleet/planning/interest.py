@@ -45,7 +45,7 @@ def interest(belief: Belief, weights: InterestWeights) -> Values:
     """What each capture adds, float64 [rows, columns]; 0 in captured cells and without data."""
     free = belief.free
     if belief.captured < FEW:
-        return 0.5 * free
+        return np.where(free, 0.5, 0.0)
     doubt = doubts(belief)
     total = weights.doubt * doubt
     if weights.doubt_around:

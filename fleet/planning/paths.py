@@ -13,28 +13,24 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from fleet.contexts.grid import Grid
 from fleet.energy.accounting import EnergyModel
 from fleet.missions.layout import MOVES
 from fleet.planning.kernel import Beam, search
+from fleet.spec.base import Model
 
 Values = NDArray[np.float64]
 STRAIGHT = 4
 """The first so many of MOVES are straight, and move 2n + 1 is the reverse of move 2n."""
 
 
-@dataclass(frozen=True)
-class Search:
-    """How far and how wide is looked.
+class Search(Model):
+    """How far and how wide is looked for paths."""
 
-    Args:
-        horizon: Longest path, in moves.
-        width: Paths of each length that are followed further.
-    """
-
-    horizon: int = 16
-    width: int = 48
+    horizon: int = Field(default=16, description="Longest path, in moves.", ge=1, le=256)
+    width: int = Field(default=48, description="Paths of each length that are followed further.", ge=1, le=4096)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +45,7 @@ class PathFinder:
 
     grid: Grid
     energy: EnergyModel
-    look: Search = Search()
+    look: Search
 
     def best(self, interest: Values, cell: int, last: int, rate: float) -> tuple[int, ...]:
         """The moves, indices into MOVES, of the best path from a cell; none when none is worth its energy.
@@ -104,4 +100,5 @@ class PathFinder:
     @cached_property
     def _beam(self) -> Beam:
         shape = (self.look.horizon + 1, self.look.width)
-        return Beam(*(np.zeros(shape, dtype=np.int64) for _ in range(3)), np.zeros(shape))
+        cell, parent, move = (np.zeros(shape, dtype=np.int64) for _ in range(3))
+        return Beam(cell, parent, move, np.zeros(shape))

@@ -16,9 +16,11 @@ import heapq
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 from scipy.ndimage import uniform_filter
 
 from fleet.contexts.grid import Grid
@@ -31,31 +33,27 @@ from fleet.planning.interest import InterestWeights, interest
 from fleet.planning.paths import PathFinder, Search
 from fleet.planning.stop import StopRule
 from fleet.planning.sweep import SPACING, lines
+from fleet.spec.base import Fraction, Model, NonNegative
 
 Values = NDArray[np.float64]
 Sense = Callable[[int], float]
 """From a cell with data to the quantity that is captured there."""
 
 
-@dataclass(frozen=True)
-class Tactics:
-    """How a swarm scouts.
+class Tactics(Model):
+    """How a swarm scouts."""
 
-    Args:
-        weights: What makes a capture interesting.
-        search: How far and wide is looked for paths.
-        spacing: Rows or columns between the first lines; 0 for none.
-        moves: How many moves of a path are flown before the next look.
-        elsewhere: What interest outside of the agent's own part counts, 0..1.
-        thrift: What a path must bring for its energy, as a share of what the best half of the cells would.
-    """
-
-    weights: InterestWeights = InterestWeights()
-    search: Search = Search()
-    spacing: int = SPACING
-    moves: int = 4
-    elsewhere: float = 0.8
-    thrift: float = 0.5
+    weights: InterestWeights = Field(default=InterestWeights(), description="What makes a capture interesting.")
+    search: Search = Field(default=Search(), description="How far and how wide is looked for paths.")
+    spacing: int = Field(default=SPACING, description="Rows or columns between the first lines; 0 for none.", ge=0)
+    moves: int = Field(default=4, description="Moves of a path that are flown before the next look.", ge=1)
+    elsewhere: Fraction = Field(
+        default=0.8, description="What interest outside of the agent's own part counts, as a share of that inside."
+    )
+    thrift: NonNegative = Field(
+        default=0.5,
+        description="What a path must bring for its energy, as a share of what the better half of the cells would.",
+    )
 
 
 @dataclass(eq=False)
@@ -113,7 +111,7 @@ class Swarm:
 
     def __init__(self, grid: Grid, energy: EnergyModel, agents: int, tactics: Tactics, seed: int) -> None:
         self._grid, self._energy, self._tactics = grid, energy, tactics
-        self._finder = PathFinder(grid, energy, tactics.search)
+        self.finder = PathFinder(grid, energy, tactics.search)
         self.belief = Belief(grid)
         self.calibration = Calibration()
         self.claims: list[Claim] = []
@@ -167,7 +165,7 @@ class Swarm:
     def _next(self, scout: Scout) -> int:
         """Choose the next move, and begin it."""
         if scout.fixed == 0 or not scout.plan:
-            scout.plan = deque(self._look(scout))
+            scout.plan = deque(self.choose_path(scout))
             scout.fixed = self._tactics.moves
         move = scout.plan.popleft()
         scout.fixed -= 1
@@ -175,22 +173,26 @@ class Swarm:
         scout.cell = self._after(scout.cell, move)
         return move
 
-    def _look(self, scout: Scout) -> tuple[int, ...]:
-        """The best path from here; at least one move."""
+    def choose_path(self, scout: Scout) -> tuple[int, ...]:
+        """SA: the moves that an agent will fly from where it is, indices into MOVES; at least one.
+
+        Args:
+            scout: The agent, in a cell that is captured.
+        """
         wanted = interest(self.belief, self._tactics.weights)
         wanted = np.where(scout.own, wanted, self._tactics.elsewhere * wanted)
         for other in self.scouts:
             if other is not scout:
                 wanted.flat[self._ahead(other)] = 0.0
         if not wanted.any():
-            wanted = 1.0 * self.belief.free  # others are about to capture all that is left: help them
-        path = self._finder.best(wanted, scout.cell, scout.last, self._rate(wanted))
-        return path or self._finder.towards(scout.cell, self._richest(wanted, scout.cell))
+            wanted = np.where(self.belief.free, 1.0, 0.0)  # others are about to capture all that is left: help them
+        path = self.finder.best(wanted, scout.cell, scout.last, self._rate(wanted))
+        return path or self.finder.towards(scout.cell, self._richest(wanted, scout.cell))
 
     def _rate(self, wanted: Values) -> float:
         """Interest that a joule is worth: a share of what moves into the better half of the cells bring."""
         found = np.sort(wanted[wanted > 0.0])
-        return self._tactics.thrift * float(found[len(found) // 2 :].mean()) / self._finder.mean_move_j
+        return self._tactics.thrift * float(found[len(found) // 2 :].mean()) / self.finder.mean_move_j
 
     def _richest(self, wanted: Values, cell: int) -> int:
         """The cell around which there is most interest for the way there."""
@@ -214,14 +216,13 @@ class Swarm:
 
     def _placed(self, part: NDArray[np.int64], index: int, generator: np.random.Generator) -> Scout:
         """An agent before take-off, with its first lines: every other agent's lie along the columns."""
-        own = np.zeros(self._grid.cells, dtype=np.bool_)
-        own[part] = True
-        own = own.reshape(self._grid.rows, self._grid.columns)
+        own = np.zeros((self._grid.rows, self._grid.columns), dtype=np.bool_)
+        own.flat[part] = True
         offset = float(generator.random())
         if not self._tactics.spacing:
             return Scout(int(part[int(offset * len(part))]), own)
         stops = lines(self._grid, part, index % 2 == 0, offset, self._tactics.spacing)
         plan: deque[int] = deque()
-        for start, end in zip(stops, stops[1:], strict=False):
-            plan.extend(self._finder.towards(start, end))
+        for start, end in pairwise(stops):
+            plan.extend(self.finder.towards(start, end))
         return Scout(stops[0], own, plan=plan, fixed=len(plan))

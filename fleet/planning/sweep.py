@@ -34,6 +34,6 @@ def lines(grid: Grid, part: NDArray[np.int64], along_rows: bool, offset: float, 
         place = places[int((line + offset) * len(places) / count)]
         found = along[across == place]
         ends = [int(found.min()), int(found.max())]
-        for end in ends if line % 2 == 0 else reversed(ends):
-            stops.append(grid.cell(int(place), end) if along_rows else grid.cell(end, int(place)))
+        ends = ends if line % 2 == 0 else ends[::-1]
+        stops += [grid.cell(int(place), end) if along_rows else grid.cell(end, int(place)) for end in ends]
     return stops

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from bench.scouting.fields import Field, noise, planted
 from bench.scouting.flight import ENERGY, flown, thorough_j
-from fleet.missions.partition import parts, pieces
 from bench.scouting.paths import between, serpentine, shared_out, through
 from bench.scouting.rivals.lines import Lawnmower, Transects
 from bench.scouting.rivals.tours import LatticeTour, RandomTour, r2_cells
@@ -18,6 +17,7 @@ from bench.scouting.tour import length_j, tour
 from fleet.contexts.base import Environment
 from fleet.contexts.grid import Grid
 from fleet.energy.accounting import FlightCounts
+from fleet.missions.partition import parts, pieces
 from fleet.spec.swarm import Action
 
 SQUARE = Grid(np.ones((6, 8), dtype=np.bool_))

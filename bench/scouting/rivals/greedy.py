@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 
 from bench.scouting.fields import Field
 from bench.scouting.flight import ENERGY, Flights, flown, move_costs, thorough_j
-from bench.scouting.partition import parts
 from bench.scouting.paths import between
 from fleet.contexts.grid import Grid
 from fleet.functions.classes import class_mean, class_probabilities, classes
 from fleet.functions.kriging import krige
+from fleet.missions.partition import parts
 
 Values = NDArray[np.float64]
 Flags = NDArray[np.bool_]

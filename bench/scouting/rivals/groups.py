@@ -17,9 +17,9 @@ from scipy.spatial import cKDTree
 
 from bench.scouting.fields import CORN, NOISE, REAL, Field, field, noise, planted
 from bench.scouting.flight import Flights, flown
-from bench.scouting.partition import parts
 from fleet.contexts.grid import Grid
 from fleet.missions.layout import MOVES, Layout, divide, plan_layout
+from fleet.missions.partition import parts
 from fleet.simulator.batch import Batch, fly
 from fleet.spec.swarm import CARDINAL, Agents, StateSpace
 

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from bench.scouting.fields import Field
 from bench.scouting.flight import Flight, Flights, flown
-from fleet.missions.partition import parts
 from bench.scouting.paths import NONE, through
 from bench.scouting.tour import tour
 from fleet.contexts.grid import Grid
+from fleet.missions.partition import parts
 
 LADDER = tuple((np.arange(1, 51) / 50).tolist())
 """Budgets in steps of 2 % of the cells."""
