@@ -2,18 +2,25 @@
 
 Both plans fly the same field with the same seed, so what a seed makes easy or hard falls out of their difference. A
 figure over several fields is the mean over the fields for each seed; seeds are what is drawn anew.
+
+Intervals are studentised: each draw's mean is measured in the draw's own standard error. With ten seeds they hold the
+true mean as often as they say, for normal and for skewed values, and BCa intervals do so less often (the test of this
+module counts both). Source: Efron and Tibshirani 1993, An Introduction to the Bootstrap, section 12.5.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import bootstrap
+from scipy import stats
 
 LEVEL = 0.95
 RESAMPLES = 9_999
+FEWEST = 5
+"""With fewer values there is nothing to draw from, and the interval is that of the t distribution."""
 Values = NDArray[np.float64]
 
 
@@ -38,7 +45,7 @@ class Interval:
 
 
 def paired(ours: Values, theirs: Values, seed: int = 0) -> Interval:
-    """Mean of ours minus theirs, with its BCa bootstrap interval (Efron 1987).
+    """Mean of ours minus theirs, with its studentised bootstrap interval.
 
     Args:
         ours, theirs: Figures of the same seeds, float64 [seeds]; a pair with a NaN is left out.
@@ -53,18 +60,29 @@ def paired(ours: Values, theirs: Values, seed: int = 0) -> Interval:
 
 
 def interval(values: Values, seed: int = 0) -> Interval:
-    """Mean of some values with its interval; of one value, or of equal ones, the interval is the mean itself."""
+    """Mean of some values with its interval: without end for one value, and the mean itself for equal ones."""
     if not len(values):
         return Interval(float("nan"), float("nan"), float("nan"), 0)
     mean = float(values.mean())
+    if len(values) == 1:
+        return Interval(mean, -math.inf, math.inf, 1)
     if np.ptp(values) <= 1e-12 * max(1.0, abs(mean)):
         return Interval(mean, mean, mean, len(values))
-    found = bootstrap(
-        (values,),
-        np.mean,
-        confidence_level=LEVEL,
-        n_resamples=RESAMPLES,
-        method="BCa",
-        rng=np.random.default_rng(seed),
-    ).confidence_interval
-    return Interval(mean, float(found.low), float(found.high), len(values))
+    error = float(stats.sem(values))
+    low, high = _studentised(values, seed) if len(values) >= FEWEST else _t_quantiles(len(values))
+    return Interval(mean, mean - high * error, mean - low * error, len(values))
+
+
+def _studentised(values: Values, seed: int) -> tuple[float, float]:
+    """Quantiles of (mean of a draw - mean) / standard error of the draw."""
+    draws = values[np.random.default_rng(seed).integers(0, len(values), (RESAMPLES, len(values)))]
+    errors = draws.std(axis=1, ddof=1) / len(values) ** 0.5
+    known = errors > 1e-9 * values.std()
+    deviations = (draws.mean(axis=1)[known] - values.mean()) / errors[known]
+    low, high = np.quantile(deviations, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    return float(low), float(high)
+
+
+def _t_quantiles(count: int) -> tuple[float, float]:
+    high = float(stats.t.ppf((1 + LEVEL) / 2, count - 1))
+    return -high, high

@@ -131,16 +131,28 @@ def test_intervals_are_those_of_the_t_distribution_for_normal_values() -> None:
     found = interval(values)
     low, high = stats.t.interval(0.95, 199, values.mean(), stats.sem(values))
     assert (found.mean, found.low, found.high) == pytest.approx((values.mean(), low, high), abs=1e-4)
+    mirrored = interval(-values)
+    assert (mirrored.low, mirrored.high) == pytest.approx((-found.high, -found.low), abs=1e-4)
     assert found.certain
 
 
-def test_intervals_hold_the_true_mean_as_often_as_they_say() -> None:
+@pytest.mark.parametrize("skewed", [False, True])
+def test_intervals_of_ten_seeds_hold_the_true_mean_as_often_as_they_say(skewed: bool) -> None:
     generator = np.random.default_rng(4)
-    held = 0
-    for trial in range(60):
-        found = interval(generator.normal(1.0, 1.0, 40), trial)
-        held += found.low <= 1.0 <= found.high
-    assert stats.binomtest(held, 60, 0.95).pvalue > 0.01
+    draw = generator.exponential if skewed else (lambda mean, count: generator.normal(mean, 1.0, count))
+    trials = [draw(1.0, 10) for _ in range(300)]
+    held = np.mean([(found := interval(values)).low <= 1.0 <= found.high for values in trials])
+    plain = [stats.bootstrap((values,), np.mean, n_resamples=499, method="BCa", rng=1) for values in trials[:150]]
+    held_by_bca = np.mean([each.confidence_interval.low <= 1.0 <= each.confidence_interval.high for each in plain])
+    assert 0.92 <= held <= 0.98
+    assert held > held_by_bca
+
+
+def test_with_few_seeds_the_interval_is_that_of_the_t_distribution() -> None:
+    values = np.array([0.1, 0.3, 0.2])
+    found = interval(values)
+    assert (found.low, found.high) == pytest.approx(stats.t.interval(0.95, 2, values.mean(), stats.sem(values)))
+    assert not interval(values[:1]).certain
 
 
 def test_pairs_take_out_what_seeds_have_in_common() -> None:

@@ -187,13 +187,17 @@ def flat(accuracy: float) -> Curve:
 def test_the_best_rival_is_the_one_that_needs_the_least_energy() -> None:
     slow = Curve(CHECKPOINTS.copy(), {How.KR: np.linspace(0.4, 1.0, len(CHECKPOINTS))}, 1.0, 1.0, 1.0)
     curves: Curves = {
-        Job("transects, rows", "planted", 2, 0): slow,
-        Job("transects, columns", "planted", 2, 0): flat(0.75),
-        Job("lattice + tour", "planted", 2, 0): flat(0.6),
+        Job(name, "planted", 2, seed): curve
+        for name, curve in (
+            ("transects, rows", slow),
+            ("transects, columns", flat(0.75)),
+            ("lattice + tour", flat(0.6)),
+        )
+        for seed in (0, 1)
     }
     assert best_rival(curves, "planted", 0, How.KR) == ("transects, columns", CHECKPOINTS[0])
     assert best_rival(curves, "planted", 1, How.KR)[0] == "transects, rows"
-    assert at_share(curves, "transects, columns", 0.4, How.KR).tolist() == [0.75]
+    assert at_share(curves, "transects, columns", 0.4, How.KR).tolist() == [0.75, 0.75]
     console = Console(width=200, record=True, file=StringIO())
     console.print(against_best(curves, How.KR), at_equal_cells(curves, How.KR))
     text = console.export_text()
