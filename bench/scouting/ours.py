@@ -14,12 +14,11 @@ from fleet.planning.paths import STRAIGHT
 from fleet.planning.swarm import Scout, Swarm, Tactics
 
 DEFAULT = Tactics()
-NO_LINES = Tactics(spacing=0)
 DOUBT_ONLY = Tactics(weights=InterestWeights(doubt_around=0.0, novelty=0.0))
 
 
 class Wanderers(Swarm):
-    """The same parts, first lines and way to go elsewhere, but random moves to cells that are not captured."""
+    """The same starts, but random moves to cells that are not captured."""
 
     def __init__(self, field: Field, agents: int, tactics: Tactics, seed: int) -> None:
         super().__init__(field.grid, ENERGY, agents, tactics, seed)
@@ -27,7 +26,7 @@ class Wanderers(Swarm):
         self._field = field
 
     def choose_path(self, scout: Scout) -> tuple[int, ...]:
-        """One random move; where none leads to a new cell, the way to the nearest one of the agent's part."""
+        """One random move; where none leads to a new cell, the way to the nearest one."""
         grid, free = self._field.grid, self.belief.free
         moves = []
         for move in range(STRAIGHT):
@@ -36,7 +35,7 @@ class Wanderers(Swarm):
                 moves.append(move)
         if moves:
             return (int(self._generator.choice(moves)),)
-        left = np.argwhere(free & scout.own) if (free & scout.own).any() else np.argwhere(free)
+        left = np.argwhere(free)
         way = np.abs(left - grid.position(scout.cell)).sum(axis=1)
         return self.finder.towards(scout.cell, grid.cell(*left[int(way.argmin())].tolist()))
 
@@ -74,6 +73,5 @@ def ours() -> tuple[Ours, ...]:
     return (
         Ours(),
         Ours("belief, random moves", wanders=True),
-        Ours("belief, no first lines", NO_LINES),
         Ours("belief, doubt only", DOUBT_ONLY),
     )

@@ -1,10 +1,10 @@
 """A swarm that scouts one field with a common belief.
 
-Every agent has a part of the field with as many cells as the others'. It first flies a few lines over it. Then it looks
-for the path along which captures are most interesting for the energy they take (`interest`, `paths`), flies four moves
-of it, and looks again, with all that every agent has captured by then; cells that others are about to capture are
-theirs. When no path is worth its energy nearby, it goes where most is to be had. All agents land when the stop rule is
-met, so their flights are equally long.
+Every agent takes off in a part of the field of its own, and may then fly anywhere. It looks for the path along which
+captures are most interesting for the energy they take (`interest`, `paths`), flies three moves of it, and looks again,
+with all that every agent has captured by then; cells that others are about to capture are theirs. When no path nearby
+is worth its energy, it goes where most is to be had. All agents land when the stop rule is met, so their flights are
+equally long.
 
 Knowledge passes between agents at once. Events happen in the order of mission time, of equal times in the order of
 agents: a mission is the same however fast it is computed.
@@ -16,7 +16,6 @@ import heapq
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,8 +31,7 @@ from fleet.planning.calibration import Calibration, expected_accuracy
 from fleet.planning.interest import InterestWeights, interest
 from fleet.planning.paths import PathFinder, Search
 from fleet.planning.stop import StopRule
-from fleet.planning.sweep import SPACING, lines
-from fleet.spec.base import Fraction, Model, NonNegative
+from fleet.spec.base import Model, NonNegative
 
 Values = NDArray[np.float64]
 Sense = Callable[[int], float]
@@ -45,13 +43,9 @@ class Tactics(Model):
 
     weights: InterestWeights = Field(default=InterestWeights(), description="What makes a capture interesting.")
     search: Search = Field(default=Search(), description="How far and how wide is looked for paths.")
-    spacing: int = Field(default=SPACING, description="Rows or columns between the first lines; 0 for none.", ge=0)
-    moves: int = Field(default=4, description="Moves of a path that are flown before the next look.", ge=1)
-    elsewhere: Fraction = Field(
-        default=0.8, description="What interest outside of the agent's own part counts, as a share of that inside."
-    )
+    moves: int = Field(default=3, description="Moves of a path that are flown before the next look.", ge=1)
     thrift: NonNegative = Field(
-        default=0.5,
+        default=0.7,
         description="What a path must bring for its energy, as a share of what the better half of the cells would.",
     )
 
@@ -62,15 +56,13 @@ class Scout:
 
     Args:
         cell: Where it is.
-        own: Cells of its part, bool [rows, columns].
         cells, captured: Its flight so far, and which visits captured the cell.
-        plan: Moves that it will fly, and `cells_ahead` where they lead.
+        plan: Moves that it will fly.
         fixed: How many of them are flown without another look.
         last: The last move; -1 for none.
     """
 
     cell: int
-    own: NDArray[np.bool_]
     cells: list[int] = field(default_factory=list)
     captured: list[bool] = field(default_factory=list)
     plan: deque[int] = field(default_factory=deque)
@@ -103,7 +95,7 @@ class Swarm:
         energy: What moves and captures cost.
         agents: How many fly.
         tactics: How.
-        seed: Fixes where the first lines lie.
+        seed: Fixes where the agents take off.
 
     Raises:
         MissionError: there are fewer cells with data than agents.
@@ -116,7 +108,7 @@ class Swarm:
         self.calibration = Calibration()
         self.claims: list[Claim] = []
         generator = np.random.default_rng(seed)
-        self.scouts = [self._placed(part, index, generator) for index, part in enumerate(parts(grid, agents))]
+        self.scouts = [Scout(int(generator.choice(part))) for part in parts(grid, agents)]
 
     def fly(self, sense: Sense, rule: StopRule | None = None, watch: Callable[[], None] | None = None) -> None:
         """Fly until the stop rule is met, or until every cell is captured.
@@ -180,7 +172,6 @@ class Swarm:
             scout: The agent, in a cell that is captured.
         """
         wanted = interest(self.belief, self._tactics.weights)
-        wanted = np.where(scout.own, wanted, self._tactics.elsewhere * wanted)
         for other in self.scouts:
             if other is not scout:
                 wanted.flat[self._ahead(other)] = 0.0
@@ -213,16 +204,3 @@ class Swarm:
     def _after(self, cell: int, move: int) -> int:
         down, across = self._grid.step(MOVES[move])
         return cell + down * self._grid.columns + across
-
-    def _placed(self, part: NDArray[np.int64], index: int, generator: np.random.Generator) -> Scout:
-        """An agent before take-off, with its first lines: every other agent's lie along the columns."""
-        own = np.zeros((self._grid.rows, self._grid.columns), dtype=np.bool_)
-        own.flat[part] = True
-        offset = float(generator.random())
-        if not self._tactics.spacing:
-            return Scout(int(part[int(offset * len(part))]), own)
-        stops = lines(self._grid, part, index % 2 == 0, offset, self._tactics.spacing)
-        plan: deque[int] = deque()
-        for start, end in pairwise(stops):
-            plan.extend(self.finder.towards(start, end))
-        return Scout(stops[0], own, plan=plan, fixed=len(plan))
