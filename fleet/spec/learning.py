@@ -87,6 +87,8 @@ class WeightLearner(StrEnum):
 
     EXPECTED_IMPROVEMENT = "ExpectedImprovement"
     UNIFORM = "Uniform"
+    MULTIPLICATIVE_WEIGHTS = "MultiplicativeWeights"
+    BEST_BY_REPLAY = "BestByReplay"
 
 
 class OnlineLearning(Model):
@@ -98,7 +100,8 @@ class OnlineLearning(Model):
     )
     replays: int = Field(
         default=16,
-        description="Replays of the mission's own records as cheaper observations of the weights; 0 for none.",
+        description="Replays of the mission's own records as cheaper observations of the weights; 0 for none. "
+        "MultiplicativeWeights and BestByReplay replay each model once, however many there are.",
         ge=0,
         le=1024,
     )
