@@ -16,10 +16,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-HORIZON = 10
-"""Missions that the learning rate is meant for: fields that lie further apart have little to say of each other."""
-SHARED = 0.05
-"""Share of the weight that is spread over all models after each mission: half a change of the best in a horizon."""
+HORIZON = 2
+"""T, missions for which the best model is taken to stay the best: a field of weeks ago says little of today's."""
+SHARED = 0.02
+"""Share of the weight that is spread over all models after each mission."""
 POOLED = 0.5
 """How far what an agent's own replays say is drawn to the mean over all agents, which is steadier."""
 

@@ -199,7 +199,7 @@ def test_a_model_that_becomes_the_best_gets_the_weight(learning: OnlineLearning)
         return [0.5 - 0.1 * weights["1"] for weights in candidates]
 
     weights: dict[str, dict[str, float]] = dict.fromkeys(AGENTS, at([0.0, 0.0, 0.0, 1.0]))
-    for number in range(1, HORIZON):
+    for number in range(1, 8):
         history = History(tuple(Observation(number, agent, weights[agent], 0.5) for agent in AGENTS))
         weights = propose_weights(history, MODELS, AGENTS, learning, seed=number, replay=after_the_drift)
     assert all(own["1"] > 0.8 for own in weights.values())
