@@ -9,7 +9,8 @@ the constant liar, as its authors advise for batches), which is the optimiser mo
 would spend 48 evaluations on five generations. Optuna comes with the extra `dev`, for this
 benchmark only.
 
-Two more arms have T_u in the paper's range, [0, number of features], and one is scikit-optimize's own optimiser.
+Further arms take our parts away: T_u in the paper's range, [0, number of features]; losses that jump where a goal is
+missed; scikit-optimize's own optimiser in place of ours, which fits and looks for improvement with its library.
 
 Printed: the least loss found after 24 and 48 sets, paired differences to ours with 95 % bootstrap intervals (BCa, over
 seeds), how many sets met the goal, and the optimiser's own share of the wall time.
@@ -41,8 +42,9 @@ from fleet.spec.resources import Fleet
 from fleet.storage.open import open_storage
 
 EXAMPLE = Path(__file__).resolve().parent.parent / "examples" / "crop-scouting" / "fleetspec.yaml"
+WITH_JUMP = ", told losses that jump at the goal"
 OUT = Path(__file__).resolve().parent / "out" / "shaping.json"
-CASES = ("2018-06-01/0.7", "2018-06-01/0.8", "2018-09-16/0.8")
+CASES = ("2018-06-01/0.8", "2018-09-16/0.8")
 OURS, RANDOM, TPE, SKOPT = "ours", "random", "Optuna TPE", "scikit-optimize as it comes"
 
 
@@ -158,6 +160,7 @@ RIVALS: dict[str, Maker] = {
     TPE: lambda problem, seed: Tpe(dimensions_of(problem), seed),
     SKOPT: lambda problem, seed: Skopt(dimensions_of(problem), seed),
     "random, T_u in [0, F]": lambda problem, seed: PaperRange(problem, lambda ranges: RandomSearch(ranges, seed)),
+    f"ours{WITH_JUMP}": lambda problem, seed: optimiser_of(dimensions_of(problem), problem.fleet, [], 0, seed),
     "ours, T_u in [0, F]": lambda problem, seed: PaperRange(problem, lambda ranges: Optimiser(ranges, seed, 16)),
 }
 
@@ -196,20 +199,21 @@ def problem_of(case: str) -> Problem:
     return Problem(fleet, grounds, normaliser, references(fleet, grounds), 0, None)
 
 
-def look(problem: Problem, make: Maker, seed: int) -> Found:
-    """One search; the seed fixes the search and what the trials are flown with."""
+def look(problem: Problem, name: str, seed: int) -> Found:
+    """One search by its name; the seed fixes the search and what the trials are flown with."""
     settings = problem.fleet.reward_shaping
     problem = replace(problem, seed=named_seed(seed, "shaping/trial"))
     losses: list[float] = []
     start, own_s = time.perf_counter(), 0.0
-    search = make(problem, seed)
+    search = RIVALS[name](problem, seed)
     while len(losses) < settings.epochs:
         before = time.perf_counter()
         points = search.ask(min(settings.batch, settings.epochs - len(losses)))
         own_s += time.perf_counter() - before
         new = [evaluate(problem, (0, point)) for point in points]
         before = time.perf_counter()
-        search.tell(points, [trial.guide for trial in new])
+        told = [trial.loss if name.endswith(WITH_JUMP) else trial.guide for trial in new]
+        search.tell(points, told)
         own_s += time.perf_counter() - before
         losses += [trial.loss for trial in new]
     overhead = own_s / (time.perf_counter() - start)
@@ -240,26 +244,26 @@ def report(title: str, searches: dict[str, list[Found]]) -> None:
         )
 
 
-def measure(cases: Sequence[str], rivals: dict[str, Maker], seeds: int) -> dict[str, dict[str, list[Found]]]:
+def measure(cases: Sequence[str], names: Sequence[str], seeds: int) -> dict[str, dict[str, list[Found]]]:
     """All searches over all cases, printed; by case, then by name."""
     results: dict[str, dict[str, list[Found]]] = {}
     for case in cases:
         problem = problem_of(case)
         evaluate(problem, (0, RIVALS[RANDOM](problem, 0).ask(1)[0]))  # compiles what is compiled once
-        results[case] = {name: [] for name in rivals}
+        results[case] = {name: [] for name in names}
         for seed in range(seeds):
-            for name, make in rivals.items():
-                results[case][name].append(look(problem, make, seed))
+            for name in names:
+                results[case][name].append(look(problem, name, seed))
         report(case, results[case])
-    report("all", {name: [each for case in cases for each in results[case][name]] for name in rivals})
+    report("all", {name: [each for case in cases for each in results[case][name]] for name in names})
     return results
 
 
 def run() -> list[Result]:
-    """The short form: the second case, three seeds, ours against random search and TPE."""
-    found = measure(CASES[1:2], {name: RIVALS[name] for name in (OURS, RANDOM, TPE)}, seeds=3)[CASES[1]]
+    """The short form: the first case, three seeds, ours against random search and TPE."""
+    found = measure(CASES[:1], (OURS, RANDOM, TPE), seeds=3)[CASES[0]]
     best = {name: float(np.mean([each.whole for each in searches])) for name, searches in found.items()}
-    command = f"python -m bench.shaping --seeds 3 --cases {CASES[1]} --arms"
+    command = f"python -m bench.shaping --seeds 3 --cases {CASES[0]} --arms"
     results = [
         Result.against("loss of shaping", best[OURS], "loss", (name, best[name]), f"{command} '{OURS}' '{name}'")
         for name in (RANDOM, TPE)
@@ -281,9 +285,7 @@ def main() -> None:
     if arguments.short:
         run()
         return
-    found = measure(
-        arguments.cases, {name: RIVALS[name] for name in {OURS: 0} | dict.fromkeys(arguments.arms)}, arguments.seeds
-    )
+    found = measure(arguments.cases, list(dict.fromkeys([OURS, *arguments.arms])), arguments.seeds)
     OUT.parent.mkdir(exist_ok=True)
     document = {
         case: {name: [asdict(each) for each in all_] for name, all_ in arms.items()} for case, arms in found.items()

@@ -15,10 +15,11 @@ learners, so differences are paired; intervals are bootstrapped (95 %, BCa) over
 from __future__ import annotations
 
 import argparse
-from collections import defaultdict
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,7 @@ from fleet.usefulness.replay import Replayer
 from fleet.usefulness.weights import first_weights, propose_weights, usefulness
 from fleet_operator.policy.pruning import pruned
 
+OUT = Path(__file__).resolve().parent / "out" / "weights.json"
 FIELDS = ("corn-dates", "2018-06-01", "2018-08-02", "2018-09-16", "synthetic")
 DATES = ("2018-06-01", "2018-08-02", "2018-09-16")
 DRIFT = 0.2
@@ -87,7 +89,7 @@ class Campaign:
     """
 
     losses: list[float] = field(default_factory=list)
-    given: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
+    given: dict[str, list[float]] = field(default_factory=lambda: {USELESS: [], HARMFUL: []})
     largest: list[float] = field(default_factory=list)
     retrained: list[int] = field(default_factory=list)
 
@@ -226,15 +228,15 @@ def report(title: str, cases: Cases) -> None:
     """Print the arms over some cases."""
     print(f"== {title}: {len(cases)} campaigns; differences of the mean loss of missions 2 to the last")
     for arm in [each.name for each in ARMS]:
-        gain = Interval.of(after_first(cases, arm) - after_first(cases, FIRST_ALONE))
-        to_ei = Interval.of(after_first(cases, arm) - after_first(cases, EI.value))
-        work = np.mean([sum(case[arm].retrained) for case in cases])
-        given = {key: np.mean([case[arm].given[key][-3:] for case in cases]) for key in (USELESS, HARMFUL)}
+        mine = after_first(cases, arm)
+        others = {"first": FIRST_ALONE, "EI": EI.value, "best": BEST.value}
+        gains = [f"to {short} {Interval.of(mine - after_first(cases, name))}" for short, name in others.items()]
+        late = {key: np.mean([case[arm].given[key][-3:] for case in cases]) for key in (USELESS, HARMFUL)}
         largest = np.mean([case[arm].largest[-3:] for case in cases])
+        work = np.mean([sum(case[arm].retrained) for case in cases])
         print(
-            f"{arm:30} to first {gain}; to EI {to_ei}; trend {Interval.of(trend(cases, arm))}; in the last three "
-            f"useless {given[USELESS]:.3f}, harmful {given[HARMFUL]:.3f}, largest {largest:.2f}; "
-            f"{work:.0f} retrainings"
+            f"{arm:29} {'; '.join(gains)}; trend {Interval.of(trend(cases, arm))}; in the last three missions useless "
+            f"{late[USELESS]:.3f}, harmful {late[HARMFUL]:.3f}, largest {largest:.2f}; {work:.0f} retrainings"
         )
     lost = after_first(cases, Arm(HEDGE, PRUNING).name) - after_first(cases, HEDGE.value)
     print(f"{HEDGE.value}: pruned - not {Interval.of(lost)}", flush=True)
@@ -268,6 +270,8 @@ def main() -> None:
                 report(f"{name}, goal {tightness:+.2f}", found)
                 whole += found
     report("all", whole)
+    OUT.parent.mkdir(exist_ok=True)
+    OUT.write_text(json.dumps([{arm: asdict(each) for arm, each in case.items()} for case in whole]), encoding="utf-8")
 
 
 if __name__ == "__main__":

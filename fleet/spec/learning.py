@@ -96,7 +96,8 @@ class OnlineLearning(Model):
 
     retraining: Retraining = Field(default=Retraining(), description="How aggregators retrain.")
     weights: WeightLearner = Field(
-        default=WeightLearner.EXPECTED_IMPROVEMENT, description="How each agent's weights over the models are found."
+        default=WeightLearner.MULTIPLICATIVE_WEIGHTS,
+        description="How each agent's weights over the models are found; the paper's is ExpectedImprovement.",
     )
     replays: int = Field(
         default=16,

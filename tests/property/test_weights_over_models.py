@@ -15,8 +15,8 @@ from fleet.usefulness.weights import FIRST_STEP, first_weights, propose_weights,
 
 AGENTS = ["agent-1", "agent-2"]
 MODELS = ["initial", "1", "2", "1-2"]
-WITHOUT = OnlineLearning(replays=0)
-WITH = OnlineLearning(replays=8)
+WITHOUT = OnlineLearning(weights=WeightLearner.EXPECTED_IMPROVEMENT, replays=0)
+WITH = OnlineLearning(weights=WeightLearner.EXPECTED_IMPROVEMENT, replays=8)
 HEDGE = OnlineLearning(weights=WeightLearner.MULTIPLICATIVE_WEIGHTS)
 BEST = OnlineLearning(weights=WeightLearner.BEST_BY_REPLAY)
 
