@@ -62,8 +62,8 @@ ALONE, UNIFORM, WITHOUT, WITH = "first model alone", "uniform", "EI, no replays"
 ARMS: dict[str, OnlineLearning | None] = {
     ALONE: None,
     UNIFORM: OnlineLearning(weights=WeightLearner.UNIFORM, replays=0),
-    WITHOUT: OnlineLearning(replays=0),
-    WITH: OnlineLearning(replays=16),
+    WITHOUT: OnlineLearning(weights=WeightLearner.EXPECTED_IMPROVEMENT, replays=0),
+    WITH: OnlineLearning(weights=WeightLearner.EXPECTED_IMPROVEMENT, replays=16),
 }
 
 

@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import math
 import warnings
-from bisect import bisect_left, bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from statistics import NormalDist
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.special import ndtr
+from scipy.stats import qmc
 from threadpoolctl import threadpool_limits
 
 from fleet.errors import TrainingError
@@ -24,6 +25,14 @@ from fleet.randomness import named_seed
 
 Point = tuple[float, ...]
 """A value for each dimension; whole numbers for integer dimensions."""
+SAMPLES = 1024
+"""Candidates all over the space."""
+BEST, NEAR = 4, 192
+"""Candidates near each of the best points."""
+LENGTHS = (0.1, 2.0)
+"""Length scales in the unit cube; longer ones would take a parameter for idle, and its first value for good."""
+FIT_STEPS = 30
+"""Of a kernel's fit, at most."""
 
 
 @dataclass(frozen=True)
@@ -32,16 +41,20 @@ class Dimension:
 
     Args:
         integer: Whether only whole numbers are tried.
+        logarithmic: Whether ratios count and not differences; the lower end is above 0 then.
     """
 
     name: str
     low: float
     high: float
     integer: bool = False
+    logarithmic: bool = False
 
     def __post_init__(self) -> None:
         if not (np.isfinite([self.low, self.high]).all() and self.low <= self.high):
             raise TrainingError(f"{self.name}: {self.low}..{self.high} is not a range; write the lower end first")
+        if self.logarithmic and self.low <= 0.0:
+            raise TrainingError(f"{self.name}: {self.low}..{self.high} cannot be logarithmic; start above 0")
 
     @property
     def fixed(self) -> bool:
@@ -51,6 +64,23 @@ class Dimension:
     def holds(self, value: float) -> bool:
         """Whether a value is in the range."""
         return self.low <= value <= self.high
+
+    def value_at(self, place: float) -> float:
+        """The value at a share of the range, in [0, 1]; a plain number."""
+        if self.integer:
+            return int(min(math.floor(self.low + place * (self.high - self.low + 1)), self.high))
+        if self.logarithmic:
+            value = float(self.low * (self.high / self.low) ** place)
+            return min(max(value, self.low), self.high)
+        return min(max(self.low + place * (self.high - self.low), self.low), self.high)
+
+    def place_of(self, value: float) -> float:
+        """At which share of the range a value is; whole numbers lie in the middles of equal parts."""
+        if self.integer:
+            return (value - self.low + 0.5) / (self.high - self.low + 1)
+        if self.logarithmic:
+            return math.log(value / self.low) / math.log(self.high / self.low)
+        return (value - self.low) / (self.high - self.low)
 
 
 @contextmanager
@@ -116,78 +146,111 @@ class Optimiser:
         """The next points to try, as many as asked for; they may repeat when there are few values to choose from."""
         free = [index for index, dimension in enumerate(self.dimensions) if not dimension.fixed]
         if not free:
-            return [tuple(self._value(index, dimension.low) for index, dimension in enumerate(self.dimensions))] * count
+            return [self.point_at(np.empty(0))] * count
         told = len(self.losses) - self._known
-        with _library() as skopt:
-            space = skopt.Space(self._ranges(skopt, free))
-            chosen = self._spread(skopt, space)[told : told + count] if told < self._initial else []
-            if len(chosen) < count:
-                chosen = chosen + self._improving(skopt, space, chosen, count - len(chosen))
-        return [self._whole(free, values) for values in chosen]
-
-    def _spread(self, skopt: Any, space: Any) -> list[list[float]]:
-        free = [index for index, dimension in enumerate(self.dimensions) if not dimension.fixed]
-        first = [[point[index] for index in free] for point in self._first]
-        if len(first) == self._initial:
-            return first
-        hypercube, seed = skopt.sampler.Lhs(criterion=None), named_seed(self._seed, "spread")
-        return first + list(hypercube.generate(space, self._initial - len(first), random_state=seed))
-
-    def _improving(self, skopt: Any, space: Any, pending: list[list[float]], count: int) -> list[list[float]]:
-        """Points of the greatest expected improvement; those still open count as the least loss that is known.
-
-        The process is fitted to the ranks of what was told, as normal scores: the losses of missed goals lie far
-        above all others, and a smooth process would see nothing but that step. The points of one batch share its
-        kernel.
-        """
-        free = [index for index, dimension in enumerate(self.dimensions) if not dimension.fixed]
-        points: list[list[float]] = [[point[index] for index in free] for point in self.points] + pending
-        losses = normal_scores(self.losses)
-        lie = min(losses, default=0.0)
-        losses += [lie] * len(pending)
-        if len(points) < 2:
-            return list(space.rvs(count, random_state=named_seed(self._seed, "random")))
-        process: Any = "GP"
-        chosen: list[list[float]] = []
-        for number in range(count):
-            optimiser = skopt.Optimizer(
-                space.dimensions, base_estimator=process, acq_func="EI", acq_optimizer="lbfgs", n_initial_points=1,
-                acq_optimizer_kwargs={"n_points": 2000, "n_restarts_optimizer": 3},
-                random_state=named_seed(self._seed, f"ask/{len(self.losses)}/{number}"),
-            )  # fmt: skip
-            optimiser.tell(points + chosen, losses + [lie] * len(chosen))
-            chosen.append(list(optimiser.ask()))
-            if number == 0:
-                process = optimiser.models[-1].set_params(kernel=optimiser.models[-1].kernel_, optimizer=None)
+        chosen = self._spread(len(free))[told : told + count] if told < self._initial else []
+        if len(chosen) < count:
+            chosen = chosen + self._improving(free, chosen, count - len(chosen))
         return chosen
 
-    def _ranges(self, skopt: Any, free: list[int]) -> list[Any]:
-        chosen = [self.dimensions[index] for index in free]
-        real, integer = skopt.space.Real, skopt.space.Integer
-        return [integer(int(d.low), int(d.high)) if d.integer else real(d.low, d.high) for d in chosen]
+    def _spread(self, free: int) -> list[Point]:
+        """The first points: given ones, then a Latin hypercube."""
+        spread = self._initial - len(self._first)
+        hypercube = qmc.LatinHypercube(free, rng=np.random.default_rng(named_seed(self._seed, "spread")))
+        return [*self._first, *(self.point_at(place) for place in hypercube.random(spread))]
 
-    def _whole(self, free: list[int], values: Sequence[float]) -> Point:
-        """The free values with the fixed ones between them, as plain numbers within their ranges."""
-        given = dict(zip(free, values, strict=True))
-        return tuple(
-            self._value(index, given.get(index, dimension.low)) for index, dimension in enumerate(self.dimensions)
-        )
+    def _improving(self, free: list[int], pending: list[Point], count: int) -> list[Point]:
+        """Points of the greatest expected improvement; those still open count as the least loss that is known.
 
-    def _value(self, index: int, value: float) -> float:
-        dimension = self.dimensions[index]
-        inside = min(max(float(value), dimension.low), dimension.high)
-        return round(inside) if dimension.integer else inside
+        The kernel is fitted once a batch.
+        """
+        generator = np.random.default_rng(named_seed(self._seed, f"ask/{len(self.losses)}"))
+        if len(self.points) < 2:
+            return [self.point_at(place) for place in generator.random((count, len(free)))]
+        losses = np.array(self.losses)
+        told = np.array([self._place(free, point) for point in self.points])
+        best = told[np.argsort(losses, kind="stable")[:BEST]]
+        places = self._whole(free, candidates(best, generator))
+        seen = np.concatenate([told, np.array([self._place(free, point) for point in pending]).reshape(-1, len(free))])
+        return [self.point_at(places[index]) for index in batch_of_improvements(seen, losses, places, count)]
+
+    def _whole(self, free: list[int], places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The places of the points nearest to some places: whole numbers have one place each."""
+        for column, dimension in enumerate(self.dimensions[index] for index in free):
+            if dimension.integer:
+                parts = dimension.high - dimension.low + 1
+                places[:, column] = (np.minimum(np.floor(places[:, column] * parts), parts - 1) + 0.5) / parts
+        return places
+
+    def point_at(self, place: NDArray[np.float64]) -> Point:
+        """The point at a place in the unit cube of the free dimensions, with the fixed values between them."""
+        shares = iter(place.tolist())
+        return tuple(d.low if d.fixed else d.value_at(next(shares)) for d in self.dimensions)
+
+    def _place(self, free: list[int], point: Point) -> list[float]:
+        return [self.dimensions[index].place_of(point[index]) for index in free]
 
 
-def normal_scores(losses: Sequence[float]) -> list[float]:
-    """Quantiles of the normal distribution that lie as the losses do; equal losses have equal scores.
+def candidates(best: NDArray[np.float64], generator: np.random.Generator) -> NDArray[np.float64]:
+    """Where to look for improvement: everywhere, and near the best points, by some or all of their values.
 
-    Source: Salinas, Shen, Perrone: A quantile-based approach for hyperparameter transfer learning, 2020.
+    Args:
+        best: Places in the unit cube, float64 [n, d].
+    Returns:
+        Places in the unit cube, float64 [SAMPLES + n * NEAR, d].
     """
-    order = sorted(losses)
-    count = len(order)
-    middle = {loss: (bisect_left(order, loss) + bisect_right(order, loss)) / 2.0 for loss in order}
-    return [NormalDist().inv_cdf(middle[loss] / count) for loss in losses]
+    near = np.repeat(best, NEAR, axis=0)
+    changed = generator.random(near.shape) < generator.choice([0.2, 0.5, 1.0], size=(len(near), 1))
+    changed[np.arange(len(near)), generator.integers(0, near.shape[1], len(near))] = True
+    steps = generator.choice([0.05, 0.2], size=(len(near), 1)) * generator.normal(size=near.shape)
+    return np.concatenate([generator.random((SAMPLES, best.shape[1])), np.clip(near + changed * steps, 0.0, 1.0)])
+
+
+def batch_of_improvements(
+    seen: NDArray[np.float64], losses: NDArray[np.float64], places: NDArray[np.float64], count: int
+) -> list[int]:
+    """The candidates of the greatest expected improvement, each chosen as if those before had given the least loss.
+
+    Args:
+        seen: Places in the unit cube that were told, and after them those still open, float64 [n + open, d].
+        losses: Of those that were told, float64 [n].
+        places: Candidates, float64 [m, d].
+    Returns:
+        Indices of candidates, `count` of them.
+    """
+    losses = (losses - losses.mean()) / (float(losses.std()) or 1.0)
+    lie = float(losses.min())
+    chosen: list[int] = []
+    with _library() as skopt:
+        kernels = skopt.learning.gaussian_process.kernels
+        kernel = kernels.ConstantKernel(1.0, (0.05, 20.0)) * kernels.Matern(np.full(seen.shape[1], 0.5), LENGTHS)
+        process = skopt.learning.GaussianProcessRegressor(
+            kernel, alpha=1e-6, noise="gaussian", n_restarts_optimizer=0, optimizer=_climb
+        )
+        process.fit(seen[: len(losses)], losses)
+        process.set_params(kernel=process.kernel_, optimizer=None)
+        for _ in range(count):
+            points = np.concatenate([seen, places[chosen]])
+            process.fit(points, np.concatenate([losses, np.full(len(points) - len(losses), lie)]))
+            mean, deviation = process.predict(places, return_std=True)
+            chosen.append(int(np.argmax(_improvement(lie, mean, deviation))))
+    return chosen
+
+
+def _climb(
+    objective: Callable[..., tuple[float, NDArray[np.float64]]], start: NDArray[np.float64], bounds: Any
+) -> tuple[NDArray[np.float64], float]:
+    """Fits a kernel in a few steps: the last digits of its length scales change nothing of what is asked next."""
+    found = minimize(objective, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": FIT_STEPS})
+    return found.x, float(found.fun)
+
+
+def _improvement(least: float, mean: NDArray[np.float64], deviation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Expected improvement on a loss of normal distributions; not negative but for rounding."""
+    deviation = np.maximum(deviation, 1e-12)
+    z = (least - mean) / deviation
+    density = np.exp(-0.5 * z**2) / math.sqrt(2.0 * math.pi)
+    return np.asarray((least - mean) * ndtr(z) + deviation * density)
 
 
 def expected_improvement(
@@ -221,8 +284,4 @@ def expected_improvement(
         process.fit(points, (losses - middle) / scale)
         mean, deviation = process.predict(candidates, return_std=True)
         least = float(np.min(process.predict(points)))
-    deviation = np.maximum(deviation, 1e-12)
-    z = (least - mean) / deviation
-    below = np.array([0.5 * math.erfc(-value / math.sqrt(2.0)) for value in z.tolist()])
-    density = np.exp(-0.5 * z**2) / math.sqrt(2.0 * math.pi)
-    return np.asarray(np.maximum((least - mean) * below + deviation * density, 0.0) * scale)
+    return np.asarray(np.maximum(_improvement(least, mean, deviation), 0.0) * scale)

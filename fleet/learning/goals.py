@@ -15,6 +15,8 @@ from dataclasses import dataclass
 
 from fleet.spec.swarm import Goal
 
+PENALTY = 2.0
+"""Of missed goals in what optimisers are told: about three times what it costs to come nearer to one (corn field)."""
 _BELOW_ONE = 1.0 - 1e-9
 _ABOVE_ONE = 1.0 + 1e-9
 
@@ -48,6 +50,19 @@ class Objective:
         if any(miss > 0.0 for _, miss in missed):
             return max(1.0 + sum(goal.weight * miss for goal, miss in missed), _ABOVE_ONE)
         return self._cost(metrics, reference) / self.contexts
+
+    def guide(self, metrics: Mapping[str, float], reference: float = 1.0) -> float:
+        """The loss without its jump where a goal is missed: what an optimiser that believes in smooth losses is told.
+
+        Args:
+            metrics, reference: As in `loss`.
+        Returns:
+            The cost and `PENALTY` times how far goals are missed, over the contexts. Its least is that of the loss
+            as long as a goal costs less than that to be met.
+        Source: Nocedal, Wright: Numerical optimization, 2006, section 17.2 (exact penalties).
+        """
+        missed = sum(goal.weight * self.miss(goal, metrics) for goal in self.goals)
+        return (self._cost(metrics, reference) + PENALTY * missed) / self.contexts
 
     def met(self, metrics: Mapping[str, float]) -> bool:
         """Whether every goal itself is met, without the margin."""

@@ -15,7 +15,7 @@ from fleet.learning.progress import Listener, nobody
 from fleet.spec.resources import Fleet
 from fleet.storage.port import Storage
 
-_RELEASE = 1
+_RELEASE = 2
 """Raised whenever the same problem would give another result: old checkpoints then count for nothing."""
 
 

@@ -9,13 +9,16 @@ start from everything that was seen within them.
 
 Source: paper, section "Reward Shaping and Training", buildReward. Weights start equal and not above one in sum, and
 the thresholds at their greatest values.
+
+Where T_u binds depends on the weights: what a group can give grows with their sum. So what is shaped is the share of
+that which T_u is, by ratios: a few captured states a group differ by as much as many (`python -m bench.shaping`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 from fleet.errors import TrainingError
 from fleet.learning.bayes import Dimension, Optimiser, Point
@@ -32,6 +35,8 @@ from fleet.randomness import named_seed
 from fleet.spec.resources import Fleet
 
 STAGE = "Shaping"
+LEAST_SHARE = 1.0 / 32.0
+"""Of the most that a group can give; with a lower T_u the agents would leave every group at once."""
 
 
 @dataclass(frozen=True)
@@ -40,10 +45,11 @@ class Trial:
 
     Args:
         period: 0 for the first.
-        point: Weights by feature, T_u, T_v.
+        point: Weights by feature, T_u (a share of the most that a group can give, unless it is given), T_v.
         loss: Sum over the contexts.
         goals_met: Whether every goal was met on every context.
         goals: Value of each goal's metric, by context; None where Eval() gave none.
+        guide: The loss without its jump at the goals, summed over the contexts: what the optimiser is told.
     """
 
     period: int
@@ -51,6 +57,7 @@ class Trial:
     loss: float
     goals_met: bool
     goals: tuple[Mapping[str, float | None], ...] = ()
+    guide: float = math.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,14 +109,14 @@ def shape(fleet: Fleet, grounds: Grounds, run: Run, normaliser: Normaliser | Non
         while len(trials) < total:
             period = len(trials) // epochs
             count = min(settings.batch, epochs * (period + 1) - len(trials))
-            points = _optimiser(dimensions, fleet, trials, period, run.seed).ask(count)
+            points = optimiser_of(dimensions, fleet, trials, period, run.seed).ask(count)
             trials += workers.map(evaluate, [(period, point) for point in points])
             checkpoint.save({"trials": [asdict(trial) for trial in trials]})
             _tell(run, trials, total)
     best = best_of(trials)
     if not best.goals_met:
         _tell(run, trials, total, "no parameter set met every goal on every shaping context; the best seen is kept")
-    reward = reward_of(grounds.features, normaliser, best)
+    reward = reward_of(fleet, grounds.features, normaliser, best)
     return reward.model_copy(update={"evaluations": len(trials), "successes": sum(t.goals_met for t in trials)})
 
 
@@ -123,11 +130,13 @@ def given_reward(fleet: Fleet, features: Sequence[str], normaliser: Normaliser) 
     if not all(dimension.fixed for dimension in dimensions):
         raise TrainingError("no context is for shaping; give one of `contexts` the use Shaping")
     point = tuple(dimension.low for dimension in dimensions)
-    return reward_of(features, normaliser, Trial(0, point, loss=0.0, goals_met=False))
+    return reward_of(fleet, features, normaliser, Trial(0, point, loss=0.0, goals_met=False))
 
 
 def parameters(fleet: Fleet, features: Sequence[str]) -> tuple[Dimension, ...]:
     """Weight of each feature, T_u and T_v, with their ranges; what the FleetSpec gives is fixed.
+
+    T_u is a share of the most that a group can give, unless it is given.
 
     Raises:
         TrainingError: a given weight is of a feature that Map() does not give.
@@ -142,9 +151,10 @@ def parameters(fleet: Fleet, features: Sequence[str]) -> tuple[Dimension, ...]:
     utility, visited = fleet.ha.utility_threshold, fleet.ha.visited_threshold
     groups = fleet.state_space.groups
     last = groups.rows * groups.columns - 1
+    shaped = Dimension("T_u as a share", LEAST_SHARE, 1.0, logarithmic=True)
     return (
         *weights,
-        Dimension("T_u", utility or 0.0, float(len(features)) if utility is None else utility),
+        shaped if utility is None else Dimension("T_u", utility, utility),
         Dimension("T_v", visited or 0, last if visited is None else visited, integer=True),
     )
 
@@ -154,9 +164,12 @@ def best_of(trials: Sequence[Trial]) -> Trial:
     return min(trials, key=lambda trial: (not trial.goals_met, trial.loss))
 
 
-def reward_of(features: Sequence[str], normaliser: Normaliser, trial: Trial) -> RewardModel:
+def reward_of(fleet: Fleet, features: Sequence[str], normaliser: Normaliser, trial: Trial) -> RewardModel:
     """The reward model of a trial's parameters."""
     *weights, utility, visited = trial.point
+    if fleet.ha.utility_threshold is None:
+        groups = fleet.state_space.groups
+        utility *= sum(weights) * groups.rows * groups.columns  # features are at most 1
     return RewardModel(
         features=tuple(features),
         weights=tuple(weights),
@@ -168,10 +181,15 @@ def reward_of(features: Sequence[str], normaliser: Normaliser, trial: Trial) -> 
     )
 
 
-def _optimiser(
+def optimiser_of(
     dimensions: Sequence[Dimension], fleet: Fleet, trials: Sequence[Trial], period: int, seed: int
 ) -> Optimiser:
-    """The optimiser of a period, told all that was seen within its ranges."""
+    """The optimiser of a period, told all that was seen within its ranges.
+
+    Args:
+        dimensions: As `parameters` gives them.
+        trials: All so far, also those of earlier periods.
+    """
     settings = fleet.reward_shaping
     ranges, first = tuple(dimensions), [_start(dimensions)]
     spread = min(2 * len(dimensions), max(settings.epochs // 3, 1))
@@ -182,9 +200,9 @@ def _optimiser(
         first, spread = [], min(settings.batch, spread)
     optimiser = Optimiser(ranges, named_seed(seed, f"shaping/{period}"), spread, first)
     known = [t for t in earlier if all(d.holds(value) for d, value in zip(ranges, t.point, strict=True))]
-    optimiser.know([trial.point for trial in known], [trial.loss for trial in known])
+    optimiser.know([trial.point for trial in known], [trial.guide for trial in known])
     tried = [trial for trial in trials if trial.period == period]
-    optimiser.tell([trial.point for trial in tried], [trial.loss for trial in tried])
+    optimiser.tell([trial.point for trial in tried], [trial.guide for trial in tried])
     return optimiser
 
 
@@ -199,11 +217,15 @@ def _start(dimensions: Sequence[Dimension]) -> Point:
 
 def _around(dimension: Dimension, centre: float, period: int) -> Dimension:
     """A range around a value, half as wide in each period, and within the whole range."""
-    reach = (dimension.high - dimension.low) / 2 ** (period + 1)
+    share = 1.0 / 2 ** (period + 1)
+    reach = (dimension.high - dimension.low) * share
+    low, high = centre - reach, centre + reach
     if dimension.integer:
-        reach = math.ceil(reach)
-    low, high = max(dimension.low, centre - reach), min(dimension.high, centre + reach)
-    return Dimension(dimension.name, low, high, dimension.integer)
+        low, high = centre - math.ceil(reach), centre + math.ceil(reach)
+    elif dimension.logarithmic:
+        factor = (dimension.high / dimension.low) ** share
+        low, high = centre / factor, centre * factor
+    return replace(dimension, low=max(dimension.low, low), high=min(dimension.high, high))
 
 
 def evaluate(problem: Problem, item: tuple[int, Point]) -> Trial:
@@ -213,7 +235,7 @@ def evaluate(problem: Problem, item: tuple[int, Point]) -> Trial:
     """
     period, point = item
     fleet, grounds = problem.fleet, problem.grounds
-    reward = reward_of(grounds.features, problem.normaliser, Trial(period, point, 0.0, False))
+    reward = reward_of(fleet, grounds.features, problem.normaliser, Trial(period, point, 0.0, False))
     start = problem.pretrained or blank_model(fleet.sa, grounds.features, problem.normaliser, problem.seed)
     practice = Practice.of(fleet.sa, fleet.reward_shaping.missions, problem.seed)
     model = practise(start, reward, grounds.terrains, practice)
@@ -225,13 +247,15 @@ def evaluate(problem: Problem, item: tuple[int, Point]) -> Trial:
         loss=total_loss(objective, missions, problem.reference),
         goals_met=all(objective.met(metrics) for metrics in missions),
         goals=tuple(shown(fleet, metrics) for metrics in missions),
+        guide=sum(objective.guide(each, scale) for each, scale in zip(missions, problem.reference, strict=True)),
     )
 
 
 def _restored(checkpoint: Checkpoint) -> list[Trial]:
     state = checkpoint.load() or {"trials": []}
     return [
-        Trial(t["period"], tuple(t["point"]), t["loss"], t["goals_met"], tuple(t["goals"])) for t in state["trials"]
+        Trial(t["period"], tuple(t["point"]), t["loss"], t["goals_met"], tuple(t["goals"]), t["guide"])
+        for t in state["trials"]
     ]
 
 

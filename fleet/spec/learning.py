@@ -87,6 +87,8 @@ class WeightLearner(StrEnum):
 
     EXPECTED_IMPROVEMENT = "ExpectedImprovement"
     UNIFORM = "Uniform"
+    MULTIPLICATIVE_WEIGHTS = "MultiplicativeWeights"
+    BEST_BY_REPLAY = "BestByReplay"
 
 
 class OnlineLearning(Model):
@@ -94,11 +96,13 @@ class OnlineLearning(Model):
 
     retraining: Retraining = Field(default=Retraining(), description="How aggregators retrain.")
     weights: WeightLearner = Field(
-        default=WeightLearner.EXPECTED_IMPROVEMENT, description="How each agent's weights over the models are found."
+        default=WeightLearner.MULTIPLICATIVE_WEIGHTS,
+        description="How each agent's weights over the models are found; the paper's is ExpectedImprovement.",
     )
     replays: int = Field(
         default=16,
-        description="Replays of the mission's own records as cheaper observations of the weights; 0 for none.",
+        description="Replays of the mission's own records as cheaper observations of the weights; 0 for none. "
+        "MultiplicativeWeights and BestByReplay replay each model once, however many there are.",
         ge=0,
         le=1024,
     )

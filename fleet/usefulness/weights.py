@@ -1,11 +1,11 @@
-"""Weights over the models, by agent: Bayesian optimisation with expected improvement.
+"""Weights over the models, by agent: learned from what was flown, and from replays of the last mission.
 
-Each agent has its own process over its own weights. It is told one observation a mission, and replays of the last
-mission as more and noisier ones. With 16 models and a few missions the process knows little, and expected improvement
-alone would try one corner of the simplex after the other. So the next weights lie at most `LARGEST_STEP` of the way
-from the best that was flown; while only one point is known, they move a little towards all models alike.
-
-Replays help or do no harm (`python -m bench.replays`); without them this is no better than keeping the first weights.
+With expected improvement each agent has its own process over its own weights. It is told one observation a mission, and
+replays of the last mission as more and noisier ones. With 16 models and a few missions the process knows little, and
+expected improvement alone would try one corner of the simplex after the other. So the next weights lie at most
+`LARGEST_STEP` of the way from the best that was flown; while only one point is known, they move a little towards all
+models alike. Replays help it or do no harm (`python -m bench.replays`); without them it is no better than keeping the
+first weights. The other learners look at each model alone; see `usefulness.experts`.
 
 Source: paper, section "Bayesian optimization for system-level hyperparameters".
 """
@@ -22,6 +22,7 @@ from fleet.missions.documents import INITIAL
 from fleet.randomness import named_seed
 from fleet.spec.learning import OnlineLearning, WeightLearner
 from fleet.usefulness.candidates import LARGEST_STEP, around, directions, replayed
+from fleet.usefulness.experts import best_alone, exponential_weights, losses_alone, pooled
 from fleet.usefulness.history import History, Observation, Weights
 
 Replay = Callable[[str, Sequence[Weights]], Sequence[float]]
@@ -59,16 +60,19 @@ def propose_weights(
         By agent the weight of each of the models; each agent's sum up to 1.
     """
     keys = sorted(models)
-    proposals = {}
-    for agent in agents:
-        flown = history.of(agent)
-        match learning.weights:
-            case WeightLearner.UNIFORM:
-                point = np.full(len(keys), 1.0 / len(keys))
-            case WeightLearner.EXPECTED_IMPROVEMENT:
-                point = _improve(flown, keys, learning, named_seed(seed, f"weights/{agent}"), _of(agent, replay))
-        proposals[agent] = _weights_at(point, keys)
-    return proposals
+    match learning.weights:
+        case WeightLearner.UNIFORM:
+            points = [np.full(len(keys), 1.0 / len(keys)) for _ in agents]
+        case WeightLearner.EXPECTED_IMPROVEMENT:
+            points = [
+                _improve(history.of(agent), keys, learning, named_seed(seed, f"weights/{agent}"), _of(agent, replay))
+                for agent in agents
+            ]
+        case WeightLearner.MULTIPLICATIVE_WEIGHTS:
+            points = _by_losses(exponential_weights, history, agents, keys, replay if learning.replays else None)
+        case WeightLearner.BEST_BY_REPLAY:
+            points = _by_losses(best_alone, history, agents, keys, replay if learning.replays else None)
+    return {agent: _weights_at(point, keys) for agent, point in zip(agents, points, strict=True)}
 
 
 def usefulness(
@@ -119,6 +123,30 @@ def _improve(
     )
     gain = expected_improvement(points, losses, noise_sd, candidates, seed)
     return np.asarray(candidates[int(np.argmax(gain))])
+
+
+def _by_losses(
+    rule: Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]],
+    history: History,
+    agents: Sequence[str],
+    keys: Sequence[str],
+    replay: Replay | None,
+) -> list[NDArray[np.float64]]:
+    """The next point of each agent, by a rule from its last one and from what each model alone would lose."""
+    lasts, losses = [], []
+    for agent in agents:
+        flown = history.of(agent) or (Observation(0, agent, {INITIAL: 1.0}, 0.0),)
+        points = np.array([_point(each.weights, keys) for each in flown])
+        own = _of(agent, replay) if history.of(agent) else None
+        lasts.append(points[-1])
+        losses.append(losses_alone(points, np.array([each.loss for each in flown]), _at(keys, own)))
+    return [rule(last, loss) for last, loss in zip(lasts, pooled(np.array(losses)), strict=True)]
+
+
+def _at(
+    keys: Sequence[str], replay: Callable[[Sequence[Weights]], Sequence[float]] | None
+) -> Callable[[NDArray[np.float64]], Sequence[float]] | None:
+    return None if replay is None else lambda points: replay([_weights_at(point, keys) for point in points])
 
 
 def _point(weights: Weights, keys: Sequence[str]) -> NDArray[np.float64]:

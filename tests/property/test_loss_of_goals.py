@@ -2,10 +2,10 @@ from __future__ import annotations
 
 import math
 
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from fleet.learning.goals import Objective
+from fleet.learning.goals import PENALTY, Objective
 from fleet.missions.documents import judge
 from fleet.spec.swarm import Goal
 
@@ -34,6 +34,7 @@ objectives = st.builds(
 def test_a_mission_without_margin_meets_its_goals_exactly_when_judged_so(
     objective: Objective, metrics: dict[str, float]
 ) -> None:
+    assume(not any(math.isinf(value) for value in metrics.values()))  # refused where Eval() answers
     finite = {name: value for name, value in metrics.items() if not math.isnan(value)}
     assert objective.met(metrics) == all(result.met for result in judge(objective.goals, finite))
 
@@ -88,3 +89,20 @@ def test_the_cost_is_a_share_of_visiting_everything() -> None:
     assert objective.loss({"uav_energy_j": 500.0}, 1000.0) == 0.25 + 0.75 * 0.5 / 1.5
     assert objective.loss({"uav_energy_j": -500.0}, 1000.0) == 0.25 / 1.5
     assert objective.loss({"uav_energy_j": 5.0}, math.nan) == objective.loss({"uav_energy_j": 5.0}, 1.0)
+
+
+@given(objectives, evaluations)
+def test_the_guide_of_an_optimiser_is_the_loss_when_goals_are_met_and_finite_always(
+    objective: Objective, metrics: dict[str, float]
+) -> None:
+    guide = objective.guide(metrics, 1000.0)
+    assert math.isfinite(guide)
+    if all(objective.miss(goal, metrics) == 0.0 for goal in objective.goals):
+        assert guide == objective.loss(metrics, 1000.0)
+
+
+def test_the_guide_has_no_jump_where_a_goal_is_missed() -> None:
+    objective = Objective((Goal(metric="accuracy", at_least=0.8),), "uav_energy_j")
+    met, missed = ({"accuracy": accuracy, "uav_energy_j": 400.0} for accuracy in (0.8, 0.8 - 1e-6))
+    assert objective.loss(missed, 1000.0) - objective.loss(met, 1000.0) > 0.4
+    assert abs(objective.guide(missed, 1000.0) - objective.guide(met, 1000.0)) < 2e-6 * PENALTY

@@ -9,13 +9,16 @@ from hypothesis import strategies as st
 
 from fleet.spec.learning import OnlineLearning, WeightLearner
 from fleet.usefulness.candidates import LARGEST_STEP, around, directions, replayed
+from fleet.usefulness.experts import HORIZON, POOLED, best_alone, exponential_weights, losses_alone, pooled
 from fleet.usefulness.history import History, Observation, Weights
 from fleet.usefulness.weights import FIRST_STEP, first_weights, propose_weights, usefulness
 
 AGENTS = ["agent-1", "agent-2"]
 MODELS = ["initial", "1", "2", "1-2"]
-WITHOUT = OnlineLearning(replays=0)
-WITH = OnlineLearning(replays=8)
+WITHOUT = OnlineLearning(weights=WeightLearner.EXPECTED_IMPROVEMENT, replays=0)
+WITH = OnlineLearning(weights=WeightLearner.EXPECTED_IMPROVEMENT, replays=8)
+HEDGE = OnlineLearning(weights=WeightLearner.MULTIPLICATIVE_WEIGHTS)
+BEST = OnlineLearning(weights=WeightLearner.BEST_BY_REPLAY)
 
 
 def at(values: Sequence[float]) -> dict[str, float]:
@@ -159,3 +162,119 @@ def test_each_single_model_is_replayed_when_there_are_enough_replays() -> None:
     replays = replayed(best, best, 5, seed=1)
     for single in np.eye(3)[1:]:
         assert any(np.allclose(point, best + LARGEST_STEP * (single - best)) for point in replays)
+
+
+# learners that look at each model alone
+
+
+def lost(agent: str, candidates: Sequence[Weights]) -> list[float]:
+    """Replays that find the model of both agents good, the useless one worse, and the harmful one worst."""
+    noise = np.random.default_rng(len(candidates)).normal(size=4) * 0.02
+    losses = at((np.array([0.50, 0.56, 0.80, 0.44]) + noise).tolist())
+    return [sum(share * losses[key] for key, share in weights.items()) for weights in candidates]
+
+
+@pytest.mark.parametrize("learning", [HEDGE, BEST])
+def test_before_the_first_mission_nothing_is_known_of_the_models(learning: OnlineLearning) -> None:
+    assert propose_weights(History(), MODELS, AGENTS, learning, seed=0) == dict.fromkeys(AGENTS, INITIAL)
+
+
+@pytest.mark.parametrize("learning", [HEDGE, BEST])
+def test_a_useless_and_a_harmful_model_lose_their_usefulness(learning: OnlineLearning) -> None:
+    even = at([0.25] * 4)
+    history = History(tuple(Observation(1, agent, even, 0.6) for agent in AGENTS))
+    for number in range(2, 11):
+        weights = propose_weights(history, MODELS, AGENTS, learning, seed=number, replay=lost)
+        new = tuple(Observation(number, agent, weights[agent], lost(agent, [weights[agent]])[0]) for agent in AGENTS)
+        history = History(history.observations + new)
+    useful = usefulness(weights, MODELS)
+    assert (useful["1"] or 0.0) < 0.05
+    assert (useful["2"] or 0.0) < 0.01
+    assert (useful["1-2"] or 0.0) > 0.8
+
+
+@pytest.mark.parametrize("learning", [HEDGE, BEST])
+def test_a_model_that_becomes_the_best_gets_the_weight(learning: OnlineLearning) -> None:
+    def after_the_drift(agent: str, candidates: Sequence[Weights]) -> list[float]:
+        return [0.5 - 0.1 * weights["1"] for weights in candidates]
+
+    weights: dict[str, dict[str, float]] = dict.fromkeys(AGENTS, at([0.0, 0.0, 0.0, 1.0]))
+    for number in range(1, 8):
+        history = History(tuple(Observation(number, agent, weights[agent], 0.5) for agent in AGENTS))
+        weights = propose_weights(history, MODELS, AGENTS, learning, seed=number, replay=after_the_drift)
+    assert all(own["1"] > 0.8 for own in weights.values())
+
+
+@pytest.mark.parametrize("learning", [HEDGE, BEST])
+def test_without_replays_missions_count_for_the_models_that_flew(learning: OnlineLearning) -> None:
+    history = flown((at([1.0, 0.0, 0.0, 0.0]), 0.9), (at([0.0, 1.0, 0.0, 0.0]), 0.3), (at([0.2, 0.2, 0.6, 0.0]), 1.2))
+    found = propose_weights(history, MODELS, ["agent-1"], learning, seed=0)["agent-1"]
+    assert found["1"] > 0.25
+    assert found["2"] < 0.5
+
+
+def test_a_fleet_that_wants_no_replays_is_not_replayed() -> None:
+    def never(agent: str, candidates: Sequence[Weights]) -> list[float]:
+        raise AssertionError("replayed")
+
+    for learner in (HEDGE, BEST):
+        none = learner.model_copy(update={"replays": 0})
+        propose_weights(flown((INITIAL, 0.5)), MODELS, ["agent-1"], none, seed=0, replay=never)
+
+
+def test_equals_change_nothing() -> None:
+    last = np.array([0.2, 0.5, 0.3])
+    same = np.full(3, 0.7)
+    assert np.array_equal(exponential_weights(last, same), last)
+    assert np.array_equal(best_alone(last, same), [0.0, 1.0, 0.0])
+    assert np.array_equal(best_alone(last, np.array([0.2, 0.7, 0.2])), [0.0, 0.0, 1.0])
+
+
+losses_of_models = st.lists(st.floats(0.0, 2.0), min_size=2, max_size=20).map(np.array)
+
+
+@settings(max_examples=60)
+@given(losses_of_models, st.integers(0, 2**32), st.floats(0.01, 100.0), st.floats(-5.0, 5.0))
+def test_exponential_weights_order_models_by_loss_and_forget_scale_and_level(
+    losses: np.ndarray, seed: int, scale: float, level: float
+) -> None:
+    even = np.full(len(losses), 1.0 / len(losses))
+    found = exponential_weights(even, losses)
+    assert found.sum() == pytest.approx(1.0)
+    assert (np.diff(found[np.argsort(losses, kind="stable")]) <= 1e-12).all()
+    if np.ptp(losses) > 1e-3:
+        np.testing.assert_allclose(exponential_weights(even, scale * losses + level), found, rtol=1e-5, atol=1e-9)
+    last = np.random.default_rng(seed).dirichlet(np.ones(len(losses)))
+    assert (exponential_weights(last, losses) >= 0.0).all()
+
+
+def test_the_regret_to_the_best_model_stays_within_that_of_theory() -> None:
+    generator = np.random.default_rng(5)
+    regrets = []
+    for _ in range(50):
+        losses = generator.random((HORIZON, 17))
+        weights, mine = np.full(17, 1.0 / 17), 0.0
+        for row in losses:
+            mine += float(weights @ row)
+            weights = exponential_weights(weights, row)
+        regrets.append(mine - losses.sum(axis=0).min())
+    assert max(regrets) < 4.0 * np.sqrt(HORIZON * np.log(17) / 12.0)
+
+
+def test_what_one_agent_sees_counts_half_for_itself_and_half_for_the_mean() -> None:
+    losses = np.array([[0.2, 0.6], [0.4, 0.2]])
+    mean = np.array([0.3, 0.4])
+    np.testing.assert_allclose(pooled(losses), [POOLED * mean + (1 - POOLED) * row for row in losses])
+    np.testing.assert_allclose(pooled(losses[:1]), losses[:1])
+
+
+def test_each_model_is_replayed_alone() -> None:
+    asked: list[np.ndarray] = []
+
+    def replay(points: np.ndarray) -> list[float]:
+        asked.append(points)
+        return [0.3, 0.1, 0.2]
+
+    found = losses_alone(np.array([[1.0, 0.0, 0.0]]), np.array([0.5]), replay)
+    assert np.array_equal(asked, [np.eye(3)])
+    assert found.tolist() == [0.3, 0.1, 0.2]

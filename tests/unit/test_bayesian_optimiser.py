@@ -4,9 +4,20 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from fleet.errors import TrainingError
-from fleet.learning.bayes import Dimension, Optimiser, Point, expected_improvement, normal_scores
+from fleet.learning.bayes import (
+    NEAR,
+    SAMPLES,
+    Dimension,
+    Optimiser,
+    Point,
+    batch_of_improvements,
+    candidates,
+    expected_improvement,
+)
 
 SPACE = (
     Dimension("x", 0.0, 1.0),
@@ -31,18 +42,68 @@ def history(optimiser: Optimiser, batches: int, size: int = 4) -> list[Point]:
 
 
 def test_every_point_is_in_the_space_and_whole_numbers_are_whole() -> None:
-    for x, given, y, n in history(Optimiser(SPACE, seed=1, initial=6), 4):
+    for x, fixed, y, n in history(Optimiser(SPACE, seed=1, initial=6), 4):
         assert 0.0 <= x <= 1.0
-        assert given == 0.3
+        assert fixed == 0.3
         assert -2.0 <= y <= 5.0
         assert n in range(9)
         assert isinstance(n, int)
 
 
-def test_it_finds_the_bottom_of_a_bowl() -> None:
-    optimiser = Optimiser(SPACE, seed=2, initial=8)
+@pytest.mark.parametrize("seed", range(4))
+def test_it_finds_the_bottom_of_a_bowl(seed: int) -> None:
+    optimiser = Optimiser(SPACE, seed=seed, initial=8)
     history(optimiser, 8)
-    assert min(optimiser.losses) < 0.02
+    generator = np.random.default_rng(seed)
+    by_chance = min(bowl(optimiser.point_at(place)) for place in generator.random((32, 3)))
+    assert min(optimiser.losses) < min(0.02, by_chance)
+
+
+DIMENSIONS = (
+    Dimension("x", -2.0, 5.0),
+    Dimension("n", -3, 8, integer=True),
+    Dimension("share", 1 / 32, 1.0, logarithmic=True),
+)
+
+
+@given(st.sampled_from(DIMENSIONS), st.floats(0.0, 1.0))
+def test_a_place_in_the_unit_interval_is_a_value_in_the_range_and_back(dimension: Dimension, place: float) -> None:
+    value = dimension.value_at(place)
+    assert dimension.holds(value)
+    assert dimension.value_at(dimension.place_of(value)) == pytest.approx(value)
+    if not dimension.integer:
+        assert dimension.place_of(value) == pytest.approx(place, abs=1e-9)
+
+
+def test_whole_numbers_are_equally_likely_and_ratios_take_equal_room() -> None:
+    places = (np.arange(1200) + 0.5) / 1200
+    values = [DIMENSIONS[1].value_at(place) for place in places.tolist()]
+    assert [values.count(number) for number in range(-3, 9)] == [100] * 12
+    assert DIMENSIONS[2].value_at(0.4) == pytest.approx(1 / 8)
+
+
+def test_a_logarithmic_range_starts_above_0() -> None:
+    with pytest.raises(TrainingError, match=r"share: 0..1 cannot be logarithmic; start above 0"):
+        Dimension("share", 0, 1, logarithmic=True)
+
+
+def test_a_batch_is_what_asking_one_by_one_with_the_least_loss_as_a_lie_would_give() -> None:
+    generator = np.random.default_rng(3)
+    seen, places = generator.random((12, 2)), generator.random((80, 2))
+    losses = ((seen - 0.4) ** 2).sum(axis=1)
+    together = batch_of_improvements(seen, losses, places, 3)
+    assert len(set(together)) == 3
+    one = batch_of_improvements(seen, losses, places, 1)
+    two = batch_of_improvements(np.concatenate([seen, places[one]]), losses, places, 1)
+    assert together[:2] == [*one, *two]
+
+
+def test_candidates_are_in_the_unit_cube_and_some_differ_from_a_best_point_in_one_value() -> None:
+    best = np.array([[0.0, 1.0, 0.5], [0.2, 0.3, 0.4]])
+    found = candidates(best, np.random.default_rng(1))
+    assert found.shape == (SAMPLES + 2 * NEAR, 3)
+    assert ((found >= 0.0) & (found <= 1.0)).all()
+    assert ((found[-NEAR:] != best[1]).sum(axis=1) == 1).sum() > NEAR // 10
 
 
 def test_one_that_is_made_anew_and_told_the_history_asks_for_the_same() -> None:
@@ -102,15 +163,6 @@ def test_what_is_told_must_be_a_point_with_a_finite_loss() -> None:
         optimiser.tell([(0.5, 0.3, 0.0, 1)], [math.nan])
     with pytest.raises(TrainingError, match="is not a range"):
         Dimension("x", 1.0, 0.0)
-
-
-def test_normal_scores_keep_the_order_and_forget_the_scale() -> None:
-    losses = [3.0, -1.0, 1e9, 3.0, 0.0]
-    scores = normal_scores(losses)
-    assert np.argsort(scores, kind="stable").tolist() == np.argsort(losses, kind="stable").tolist()
-    assert scores[0] == scores[3]
-    assert scores == normal_scores([loss * 7 + 2 for loss in losses])
-    assert normal_scores([]) == []
 
 
 def test_improvement_is_expected_between_the_lows_and_not_at_the_high() -> None:

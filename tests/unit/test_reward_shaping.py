@@ -16,7 +16,7 @@ from fleet.learning.progress import Progress
 from fleet.learning.reward import Normaliser, RewardModel
 from fleet.learning.run import Run
 from fleet.learning.score_tables import ALONE, Flights, batch_of, reward_table, score_table
-from fleet.learning.shaping import Trial, best_of, parameters, shape
+from fleet.learning.shaping import LEAST_SHARE, Trial, best_of, parameters, reward_of, shape
 from fleet.missions.documents import INITIAL
 from fleet.simulator.batch import fly
 from fleet.storage.local import LocalStorage
@@ -28,14 +28,21 @@ def run_in(folder: Path, seed: int = 1, workers: int = 1) -> tuple[Run, list[Pro
     return Run(LocalStorage(folder), "shaping", seed, workers, listener=news.append), news
 
 
-def test_weights_and_thresholds_are_shaped_within_the_ranges_of_the_paper() -> None:
+def test_weights_thresholds_and_the_share_of_what_a_group_can_give_are_shaped() -> None:
     assert parameters(field_fleet(), FEATURES) == (
         Dimension("weight of rich", 0.0, 1.0),
         Dimension("weight of row", 0.0, 1.0),
         Dimension("weight of column", 0.0, 1.0),
-        Dimension("T_u", 0.0, 3.0),
+        Dimension("T_u as a share", LEAST_SHARE, 1.0, logarithmic=True),
         Dimension("T_v", 0, 8, integer=True),
     )
+
+
+def test_the_utility_threshold_grows_with_what_a_group_can_give_unless_it_is_given() -> None:
+    normaliser = Normaliser(low=(0.0,) * 3, high=(1.0,) * 3)
+    for fleet, expected in ((field_fleet(), 0.25 * 1.5 * 9), (field_fleet(ha={"utilityThreshold": 0.25}), 0.25)):
+        reward = reward_of(fleet, FEATURES, normaliser, Trial(0, (1.0, 0.5, 0.0, 0.25, 4), 0.4, True))
+        assert (reward.weights, reward.utility_threshold, reward.visited_threshold) == ((1.0, 0.5, 0.0), expected, 4)
 
 
 def test_what_the_spec_gives_is_not_shaped() -> None:
@@ -73,7 +80,7 @@ def test_shaping_finds_a_reward_that_meets_the_goals_and_tells_how_far_it_is(tmp
     assert len(trials) == 12
     assert min(trial["loss"] for trial in trials) == reward.loss
     assert reward.successes == sum(trial["goals_met"] for trial in trials)
-    assert trials[0]["point"] == [1 / 3, 1 / 3, 1 / 3, 3.0, 8]
+    assert trials[0]["point"] == [1 / 3, 1 / 3, 1 / 3, 1.0, 8]
 
 
 def test_goals_that_cannot_be_met_give_the_best_seen_and_say_so(tmp_path: Path) -> None:
@@ -107,9 +114,12 @@ def test_a_second_period_looks_around_the_best_of_the_first(tmp_path: Path) -> N
     first, second = trials[:8], trials[8:]
     assert [trial["period"] for trial in trials] == [0] * 8 + [1] * 8
     best = min(first, key=lambda trial: (not trial["goals_met"], trial["loss"]))["point"]
-    reach = np.array([0.25, 0.25, 0.25, 0.75, 2])
+    factor = LEAST_SHARE ** (1 / 4)
     for trial in second:
-        assert (np.abs(np.array(trial["point"]) - best) <= reach + 1e-12).all()
+        *weights, _, visited = np.array(trial["point"]) - best
+        assert (np.abs(weights) <= 0.25).all()
+        assert factor - 1e-12 <= trial["point"][3] / best[3] <= 1 / factor + 1e-12
+        assert abs(visited) <= 2
 
 
 def test_a_finished_shaping_is_not_done_again_and_another_problem_is(tmp_path: Path) -> None:

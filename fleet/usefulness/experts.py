@@ -1,0 +1,88 @@
+"""Weights over the models from what each model alone would lose: exponential weights, and the best single model.
+
+Each model is an expert. What it would have lost in the last mission is replayed with the mission's own records; the
+replay starts from the mission's own loss, so what is wrong in the records' belief counts only where models differ.
+
+Source: Freund, Schapire: A decision-theoretic generalization of on-line learning, 1997 (Hedge); Cesa-Bianchi, Mansour,
+Stoltz: Improved second-order bounds for prediction with expert advice, 2007 (its rate by the variance of the losses);
+Cesa-Bianchi, Gaillard, Lugosi, Stoltz: Mirror descent meets fixed share, 2012 (fields drift: a share is kept for all).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+HORIZON = 2
+"""T, missions for which the best model is taken to stay the best: a field of weeks ago says little of today's."""
+SHARED = 0.02
+"""Share of the weight that is spread over all models after each mission."""
+POOLED = 0.5
+"""How far what an agent's own replays say is drawn to the mean over all agents, which is steadier."""
+
+_EQUAL = 1e-9
+"""Losses that differ by no more are equal."""
+
+
+def losses_alone(
+    points: NDArray[np.float64],
+    losses: NDArray[np.float64],
+    replay: Callable[[NDArray[np.float64]], Sequence[float]] | None,
+) -> NDArray[np.float64]:
+    """What each model alone is believed to lose.
+
+    Args:
+        points: Weights that an agent flew with, in the order of missions, float64 [missions, models]; rows sum to 1.
+        losses: Its losses, float64 [missions].
+        replay: From weights [n, models] to the losses of the last mission with them; None when it cannot be replayed.
+    Returns:
+        float64 [models]. Without replays each mission's loss counts for the models that flew, by their weights, and
+        once for every model what was lost on the mean.
+    """
+    if replay is not None:
+        return np.asarray(replay(np.eye(points.shape[1])), dtype=np.float64)
+    weight = points.sum(axis=0)
+    return np.asarray((points.T @ losses + losses.mean()) / (weight + 1.0))
+
+
+def pooled(losses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Losses of the models by agent, float64 [agents, models], each agent's drawn half way to the mean of all."""
+    return np.asarray((1.0 - POOLED) * losses + POOLED * losses.mean(axis=0))
+
+
+def exponential_weights(last: NDArray[np.float64], losses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The next weights of an agent: less for what lost more, and a share for every model.
+
+    w_i <- v_i exp(-eta l_i) / Z with v = (1 - s) w + s / K, s = `SHARED`, K models, and eta = sqrt(ln K / (T V)),
+    V the variance of the losses under v: over T missions the regret to the best model grows as sqrt(T V ln K).
+
+    Args:
+        last: Weights of the last mission, float64 [models], sum 1.
+        losses: Of each model alone, float64 [models].
+    Returns:
+        Weights, float64 [models]; sum 1.
+    """
+    count = len(last)
+    started = (1.0 - SHARED) * last + SHARED / count
+    variance = float(started @ (losses - started @ losses) ** 2)
+    if count == 1 or variance < _EQUAL**2:
+        return last
+    rate = math.sqrt(math.log(count) / (HORIZON * variance))
+    grown = started * np.exp(-rate * (losses - losses.min()))
+    return np.asarray(grown / grown.sum())
+
+
+def best_alone(last: NDArray[np.float64], losses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """All weight on the model that loses least; of equals on the one that had most.
+
+    Args:
+        last: Weights of the last mission, float64 [models].
+        losses: Of each model alone, float64 [models].
+    """
+    equals = np.flatnonzero(losses <= losses.min() + _EQUAL)
+    chosen = np.zeros(len(last))
+    chosen[equals[int(np.argmax(last[equals]))]] = 1.0
+    return chosen
