@@ -27,8 +27,8 @@ from scipy.ndimage import gaussian_filter
 from scipy.stats import bootstrap
 
 from bench.measure import Result
+from bench.missions import AGENTS, ENERGY, FEATURES, Outcome, World, alone, objective, shaken, trained, world_of
 from bench.replays import DATA, HARMFUL, TIGHTNESS, USELESS, subsets
-from bench.scouting import AGENTS, ENERGY, FEATURES, Outcome, World, alone, objective, shaken, trained, world_of
 from fleet.aggregation.retrain import retrain
 from fleet.learning.model import SAModel
 from fleet.learning.qlearning import QLearning

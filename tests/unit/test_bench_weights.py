@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.missions import World, alone, objective, trained, world_of
 from bench.replays import HARMFUL, USELESS
-from bench.scouting import World, alone, objective, trained, world_of
 from bench.weights import BEST, HEDGE, PRUNING, Arm, Interval, campaign, drifting, planted
 from fleet.learning.model import SAModel
 from fleet.missions.documents import INITIAL
