@@ -34,4 +34,4 @@ def rehearse(environment: Environment, energy: EnergyModel, agents: int, tactics
     swarm.fly(lambda cell: float(values[cell]), watch=hold_against_truth)
     claimed = np.array([claim.accuracy for claim in swarm.claims])
     predictions = np.array([claim.predictions for claim in swarm.claims], dtype=np.int64)
-    return Claims(claimed, np.array(found), predictions)
+    return Claims(claimed, np.array(found), predictions, np.array([claim.energy_j for claim in swarm.claims]))

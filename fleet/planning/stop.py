@@ -43,11 +43,13 @@ class Claims:
     Args:
         claimed, truth: Expected and true accuracy, float64 [K].
         predictions: On how many predictions each claim was calibrated, int64 [K].
+        energy_j: Energy of a mission that lands then, float64 [K].
     """
 
     claimed: Values
     truth: Values
     predictions: NDArray[np.int64]
+    energy_j: Values
 
     def stop(self, rule: StopRule) -> int | None:
         """Index at which the rule ends the mission; None when it never does."""

@@ -79,12 +79,14 @@ class Claim:
         captured: Cells captured by all.
         predictions: How many predictions the claim was calibrated on.
         accuracy: Expected accuracy.
+        energy_j: What all have spent, landings included.
     """
 
     time_s: float
     captured: int
     predictions: int
     accuracy: float
+    energy_j: float
 
 
 class Swarm:
@@ -107,6 +109,7 @@ class Swarm:
         self.belief = Belief(grid)
         self.calibration = Calibration()
         self.claims: list[Claim] = []
+        self._spent_j = agents * (energy.take_off() + energy.land()).energy_j
         generator = np.random.default_rng(seed)
         self.scouts = [Scout(int(generator.choice(part))) for part in parts(grid, agents)]
 
@@ -127,7 +130,9 @@ class Swarm:
             time_s += self._arrive(scout, sense)
             over = self.belief.captured == self.belief.cells or self._is_enough(time_s, rule, watch)
             if not over:
-                time_s += self._energy.move(MOVES[self._next(scout)]).time_s
+                move = self._energy.move(MOVES[self._next(scout)])
+                time_s += move.time_s
+                self._spent_j += move.energy_j
                 heapq.heappush(events, (time_s, index))
         for _, index in sorted(events):  # those in the air finish their move, and land
             self._arrive(self.scouts[index], sense)
@@ -142,14 +147,17 @@ class Swarm:
         value = sense(scout.cell)
         self.calibration.foresee(self.belief, scout.cell, value)
         self.belief.observe([scout.cell], [value])
-        return self._energy.capture().time_s
+        capture = self._energy.capture()
+        self._spent_j += capture.energy_j
+        return capture.time_s
 
     def _is_enough(self, time_s: float, rule: StopRule | None, watch: Callable[[], None]) -> bool:
         """Make a claim now and then, and ask the rule."""
         captured = self.belief.captured
         if self.claims and captured < self.claims[-1].captured + self._tactics.moves:
             return False
-        claim = Claim(time_s, captured, self.calibration.count, expected_accuracy(self.belief, self.calibration))
+        accuracy = expected_accuracy(self.belief, self.calibration)
+        claim = Claim(time_s, captured, self.calibration.count, accuracy, self._spent_j)
         self.claims.append(claim)
         watch()
         return rule is not None and rule.is_met(claim.accuracy, claim.predictions)
