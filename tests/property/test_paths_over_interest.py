@@ -99,6 +99,15 @@ def test_a_beam_with_room_for_every_path_finds_the_best_one(case: Case, horizon:
     assert worth(case, found) == pytest.approx(most(case, horizon), abs=1e-9)
 
 
+def test_a_way_that_may_go_on_is_kept_beside_one_that_may_not() -> None:
+    """Of two equal ways round the corner only the one over the south may then go on to the east and the north."""
+    interest = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 1.0]])
+    case = Case(Grid(np.ones((2, 3), dtype=np.bool_)), interest, 0, -1, 2e-5)
+    found = case.best(4, EVERY)
+    assert [MOVES[move] for move in found] == [Action.SOUTH, Action.EAST, Action.EAST, Action.NORTH]
+    assert worth(case, found) == pytest.approx(most(case, 4), abs=1e-12)
+
+
 @settings(max_examples=100)
 @given(cases(ties=True), st.integers(1, 5), st.sampled_from([1, 3, 20, EVERY]))
 def test_no_beam_finds_more_than_there_is(case: Case, horizon: int, width: int) -> None:
