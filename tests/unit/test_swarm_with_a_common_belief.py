@@ -16,7 +16,7 @@ from fleet.functions.classes import class_mean, classes, likely_values
 from fleet.functions.kriging import fit, krige
 from fleet.missions.layout import MOVES
 from fleet.missions.partition import parts, pieces
-from fleet.planning.interest import InterestWeights
+from fleet.planning.interest import FEW, InterestWeights
 from fleet.planning.paths import STRAIGHT, Search
 from fleet.planning.rehearsal import rehearse
 from fleet.planning.stop import StopRule
@@ -185,6 +185,7 @@ def test_claims_are_made_in_the_order_of_time_and_at_the_end(name: str, agents: 
     assert captured[-1] == swarm.belief.cells
     assert swarm.claims[-1].accuracy == 1.0
     assert all(0.0 <= claim.accuracy <= 1.0 for claim in swarm.claims)
+    assert [claim.predictions for claim in swarm.claims] == [max(0, count - FEW) for count in captured]
     assert times[-1] <= max(flight_s(environment(FIELDS[name]).grid, scout) for scout in swarm.scouts)
 
 
