@@ -107,7 +107,7 @@ def fit(said: Values, right: Values) -> Values:
 
 def expected_accuracy(belief: Belief, calibration: Calibration) -> float:
     """Share of the cells whose class is right on the map as it is now, as far as is known: captured cells are."""
-    if belief.captured < FEW:
+    if belief.captured < min(FEW, belief.cells):
         return 0.0
     probable = belief.class_probabilities().max(axis=0)[belief.free]
     return (belief.captured + float(calibration.calibrated(probable).sum())) / belief.cells

@@ -43,14 +43,17 @@ def _is_on(beam: Any, depth: Any, index: Any, cell: Any) -> Any:
 def _insert(beam: Any, depth: Any, count: Any, path: Any) -> Any:
     """Put a path (cell, parent, move, value) among those of its length; how many there are now.
 
-    Of two that end in one cell and are worth the same, the first stays: they are the same way in another order.
+    Of two that end in one cell by the same move and are worth the same, the first stays: they are the same way in
+    another order. By another move they would not be: each may go on where the other came from, and not back.
     """
     cell, parent, move, value = path
     at = count
     while at > 0 and beam.value[depth, at - 1] < value:
         at -= 1
     same = at
-    while same > 0 and beam.value[depth, same - 1] == value and beam.cell[depth, same - 1] != cell:
+    while same > 0 and beam.value[depth, same - 1] == value:
+        if beam.cell[depth, same - 1] == cell and beam.move[depth, same - 1] == move:
+            break
         same -= 1
     width = beam.cell.shape[1]
     if at < width and not (same > 0 and beam.value[depth, same - 1] == value):

@@ -128,7 +128,7 @@ class Swarm:
             time_s, index = heapq.heappop(events)
             scout = self.scouts[index]
             time_s += self._arrive(scout, sense)
-            over = self.belief.captured == self.belief.cells or self._is_enough(time_s, rule, watch)
+            over = self._is_enough(time_s, rule, watch)
             if not over:
                 move = self._energy.move(MOVES[self._next(scout)])
                 time_s += move.time_s
@@ -152,15 +152,16 @@ class Swarm:
         return capture.time_s
 
     def _is_enough(self, time_s: float, rule: StopRule | None, watch: Callable[[], None]) -> bool:
-        """Make a claim now and then, and ask the rule."""
+        """Make a claim now and then, and at the end, and ask the rule."""
         captured = self.belief.captured
-        if self.claims and captured < self.claims[-1].captured + self._tactics.moves:
+        complete = captured == self.belief.cells
+        if self.claims and not complete and captured < self.claims[-1].captured + self._tactics.moves:
             return False
         accuracy = expected_accuracy(self.belief, self.calibration)
         claim = Claim(time_s, captured, self.calibration.count, accuracy, self._spent_j)
         self.claims.append(claim)
         watch()
-        return rule is not None and rule.is_met(claim.accuracy, claim.predictions)
+        return complete or (rule is not None and rule.is_met(claim.accuracy, claim.predictions))
 
     def _next(self, scout: Scout) -> int:
         """Choose the next move, and begin it."""

@@ -17,6 +17,7 @@ from bench.scouting.tour import length_j, tour
 from fleet.contexts.base import Environment
 from fleet.contexts.grid import Grid
 from fleet.energy.accounting import FlightCounts
+from fleet.errors import MissionError
 from fleet.missions.partition import parts, pieces
 from fleet.spec.swarm import Action
 
@@ -86,7 +87,7 @@ def test_parts_are_compact() -> None:
 
 
 def test_more_agents_than_cells_are_refused() -> None:
-    with pytest.raises(ValueError, match="only 48 cells"):
+    with pytest.raises(MissionError, match="only 48 cells"):
         parts(SQUARE, 49)
 
 
