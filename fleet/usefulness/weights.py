@@ -17,7 +17,6 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fleet.learning.bayes import expected_improvement
 from fleet.missions.documents import INITIAL
 from fleet.randomness import named_seed
 from fleet.spec.learning import OnlineLearning, WeightLearner
@@ -121,6 +120,10 @@ def _improve(
     candidates = np.concatenate(
         [best[None], around(best, directions(len(keys), seed), LARGEST_STEP, LARGEST_STEP / 2), points[len(flown) :]]
     )
+    from fleet.learning.bayes import (  # noqa: PLC0415 - who only reads weights, as the operator, needs no scipy
+        expected_improvement,
+    )
+
     gain = expected_improvement(points, losses, noise_sd, candidates, seed)
     return np.asarray(candidates[int(np.argmax(gain))])
 
