@@ -13,6 +13,7 @@ agents: a mission is the same however fast it is computed.
 from __future__ import annotations
 
 import heapq
+import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -24,6 +25,7 @@ from scipy.ndimage import uniform_filter
 
 from fleet.contexts.grid import Grid
 from fleet.energy.accounting import EnergyModel
+from fleet.errors import MissionError
 from fleet.functions.belief import Belief
 from fleet.missions.layout import MOVES
 from fleet.missions.partition import parts
@@ -35,7 +37,7 @@ from fleet.spec.base import Model, NonNegative
 
 Values = NDArray[np.float64]
 Sense = Callable[[int], float]
-"""From a cell with data to the quantity that is captured there."""
+"""From a cell with data to the quantity that is captured there; a finite number."""
 
 
 class Tactics(Model):
@@ -120,6 +122,8 @@ class Swarm:
             sense: The sensor.
             rule: When to stop; without one a claim is made all the same.
             watch: Called after each claim.
+        Raises:
+            MissionError: the sensor gave no finite number.
         """
         watch = watch or (lambda: None)
         events = [(self._energy.take_off().time_s, index) for index in range(len(self.scouts))]
@@ -145,6 +149,8 @@ class Swarm:
         if not fresh:
             return 0.0
         value = sense(scout.cell)
+        if not math.isfinite(value):
+            raise MissionError(f"the sensor gave {value} in cell {scout.cell}; the quantity must be a finite number")
         self.calibration.foresee(self.belief, scout.cell, value)
         self.belief.observe([scout.cell], [value])
         capture = self._energy.capture()
@@ -167,12 +173,18 @@ class Swarm:
         """Choose the next move, and begin it."""
         if scout.fixed == 0 or not scout.plan:
             scout.plan = deque(self.choose_path(scout))
-            scout.fixed = self._tactics.moves
+            scout.fixed = max(self._tactics.moves, self._moves_to_new(scout))
         move = scout.plan.popleft()
         scout.fixed -= 1
         scout.last = move
         scout.cell = self._after(scout.cell, move)
         return move
+
+    def _moves_to_new(self, scout: Scout) -> int:
+        """Moves of the plan up to its first cell that is not captured: an agent that looked again before it could fly
+        to and fro for ever."""
+        fresh = self.belief.free.flat[self._ahead(scout)[1:]]
+        return int(np.argmax(fresh)) + 1 if fresh.any() else 0
 
     def choose_path(self, scout: Scout) -> tuple[int, ...]:
         """SA: the moves that an agent will fly from where it is, indices into MOVES; at least one.

@@ -23,7 +23,7 @@ def missions(draw: st.DrawFn) -> list[Claims]:
         claims = draw(st.integers(1, 40))
         truth = np.minimum(np.linspace(generator.uniform(0.3, 0.8), generator.uniform(0.9, 1.1), claims), 1.0)
         claimed = np.clip(truth + generator.normal(0.0, draw(st.sampled_from([0.0, 0.02, 0.1])), claims), 0.0, 1.0)
-        found.append(Claims(claimed, truth, np.arange(claims, dtype=np.int64) * 16))
+        found.append(Claims(claimed, truth, np.arange(claims, dtype=np.int64) * 16, np.arange(claims) * 9.0))
     return found
 
 
@@ -86,12 +86,12 @@ def test_more_confidence_never_means_less_caution(flown: list[Claims], goal: flo
 
 
 def test_of_missions_that_never_meet_the_goal_the_greatest_caution_is_learned() -> None:
-    boastful = Claims(np.array([0.9, 1.0]), np.array([0.5, 0.6]), np.array([100, 200]))
+    boastful = Claims(np.array([0.9, 1.0]), np.array([0.5, 0.6]), np.array([100, 200]), np.array([1.0, 2.0]))
     assert learned([boastful], 0.8, 0.9) == StopRule(0.8, pytest.approx(3.0))
 
 
 def test_of_honest_missions_no_caution_is_learned() -> None:
-    honest = Claims(np.array([0.7, 0.95]), np.array([0.7, 0.95]), np.array([100, 200]))
+    honest = Claims(np.array([0.7, 0.95]), np.array([0.7, 0.95]), np.array([100, 200]), np.array([1.0, 2.0]))
     assert learned([honest], 0.8, 0.9) == StopRule(0.8, 0.0)
 
 

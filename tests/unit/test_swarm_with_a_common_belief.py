@@ -151,6 +151,22 @@ def test_a_field_in_two_pieces_is_cut_between_them() -> None:
     assert min(second % grid.columns) == 10
 
 
+def test_agents_that_find_nothing_worth_its_energy_still_get_on() -> None:
+    dear = Tactics(moves=1, thrift=50.0, weights=InterestWeights(novelty=0.0), search=Search(horizon=8, width=12))
+    for seed in range(20):
+        truth = drawn(seed, 10, 12)
+        swarm = Swarm(environment(truth).grid, ENERGY, 5, dear, seed)
+        swarm.fly(truth.item)
+        assert swarm.belief.captured == truth.size
+        assert sum(len(scout.cells) for scout in swarm.scouts) < 10 * truth.size
+
+
+def test_a_sensor_that_gives_no_number_is_named() -> None:
+    swarm = Swarm(environment(drawn(1)).grid, ENERGY, 2, QUICK, 0)
+    with pytest.raises(MissionError, match="the sensor gave nan in cell"):
+        swarm.fly(lambda cell: float("nan"))
+
+
 def test_the_same_seed_gives_the_same_flights_and_another_one_others() -> None:
     truth = FIELDS["smooth"]
     one, same, other = (flown(truth, 3, seed=seed)[0] for seed in (5, 5, 6))
