@@ -45,7 +45,8 @@ def explain(  # noqa: PLR0913, PLR0917 - the options of a command
     log = open_log(settings)
     if step is not None and not 0 <= step < len(log.records):
         message = f"the log of {settings.agent} in mission {settings.mission} has no step {step}"
-        _refuse("--step", message, f"it has steps 0 to {len(log.records) - 1}")
+        there = [f"it has steps 0 to {len(log.records) - 1}", *_remarks(log)]
+        _refuse("--step", message, "; ".join(there))
     steps = log.explain(step)
     if as_json:
         console.say_json(_document(settings, log, steps))
@@ -53,9 +54,17 @@ def explain(  # noqa: PLR0913, PLR0917 - the options of a command
         _say_all(settings, log, steps)
     else:
         _say_one(settings, log, steps[0])
+    for remark in _remarks(log):
+        console.note(f"warning: {remark}")
+
+
+def _remarks(log: FlownLog) -> list[str]:
+    """What is amiss with a log; nothing when it goes from take-off to landing."""
     if log.lost:
-        missing = f"step {len(log.records)} is missing, so {log.lost} after it cannot be explained"
-        console.note(f"warning: the log is damaged: {missing}")
+        return [f"the log is damaged: step {len(log.records)} is missing, so {log.lost} after it cannot be explained"]
+    if not log.has_landed:
+        return ["the log ends before the landing: the agent is in the air, has failed, or the end of the log is lost"]
+    return []
 
 
 def _settings(place: Storage, paths: FleetPaths, agent: str, mission: int | None) -> Settings:

@@ -105,6 +105,11 @@ class FlownLog:
     lost: int
     mind: Mind
 
+    @property
+    def has_landed(self) -> bool:
+        """Whether the log goes up to the landing."""
+        return self.records[-1].move == LAND
+
     def explain(self, step: int | None = None) -> tuple[Explanation, ...]:
         """One step, or all of them; can be asked once.
 

@@ -122,8 +122,20 @@ def test_a_log_with_a_hole_is_told_up_to_it_with_a_warning(invoke: Invoke, run: 
     done = invoke("explain", run, "--agent", "2")
     assert done.exit_code == 0
     assert len(done.stdout.splitlines()) == 2 + 3
-    lost = len(lines) - 4
-    assert done.stderr == (f"warning: the log is damaged: step 3 is missing, so {lost} after it cannot be explained\n")
+    damage = f"the log is damaged: step 3 is missing, so {len(lines) - 4} after it cannot be explained"
+    assert done.stderr == f"warning: {damage}\n"
+    beyond = invoke("explain", run, "--agent", "2", "--step", "3")
+    assert beyond.exit_code == 2
+    assert f"it has steps 0 to 2; {damage}" in beyond.stderr
+
+
+def test_a_log_that_ends_in_the_air_is_told_with_a_warning(invoke: Invoke, run: Path) -> None:
+    path = PATHS.log(2, "agent-2")
+    lines = [line for line in storage_of(run).read(path).splitlines() if line]
+    storage_of(run).write(path, b"\n".join(lines[:5]))
+    done = invoke("explain", run, "--agent", "2", "--step", "4")
+    assert (done.exit_code, done.stdout.splitlines()[0]) == (0, "Mission 2 over field, agent-2, step 4 of 4")
+    assert done.stderr.startswith("warning: the log ends before the landing: ")
 
 
 def test_a_run_is_explained_where_the_files_of_its_fleetspec_are_not(invoke: Invoke, run: Path) -> None:
