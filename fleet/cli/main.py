@@ -13,10 +13,23 @@ import typer
 from typer.core import TyperGroup
 
 import fleet
-from fleet.cli import console, contexts, extensions, learn, new, reporting, serving, simulate, validate
+from fleet.cli import console, contexts, explaining, extensions, learn, new, reporting, serving, simulate, validate
 from fleet.errors import ExitCode, FleetError
 
-_ORDER = ["init", "validate", "compile", "run", "report", "simulate", "shape", "train", "context", "serve", "version"]
+_ORDER = [
+    "init",
+    "validate",
+    "compile",
+    "run",
+    "report",
+    "explain",
+    "simulate",
+    "shape",
+    "train",
+    "context",
+    "serve",
+    "version",
+]
 _BROKEN_PIPE = 141
 """What a shell says of a program that SIGPIPE ended."""
 
@@ -127,6 +140,7 @@ app.command("simulate")(simulate.simulate)
 app.command("shape")(learn.shape)
 app.command("train")(learn.train)
 app.command("report")(reporting.report)
+app.command("explain")(explaining.explain)
 app.add_typer(contexts.app, name="context")
 app.command("serve")(serving.serve)
 app.command("version")(version)

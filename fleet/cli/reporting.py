@@ -4,21 +4,15 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fleet.cli import console, inputs
-from fleet.errors import Problem, SpecError
+from fleet.cli import console, runs
 
 if TYPE_CHECKING:
     from fleet.report.collect import RunData
-    from fleet.storage.layout import FleetPaths
-    from fleet.storage.port import Storage
-
-SPEC_NAME = "fleet.json"
 
 
 def report(
@@ -37,10 +31,9 @@ def report(
     from fleet.report.collect import collect
     from fleet.report.html import missions_table, shaping_sentence, verdict
     from fleet.report.write import write
-    from fleet.storage.open import open_storage
 
-    place = open_storage(inputs.as_uri(storage)) if storage else _storage_in(folder)
-    run = collect(place, _fleet_in(place, fleet))
+    place = runs.storage_of(folder, storage)
+    run = collect(place, runs.fleet_in(place, fleet))
     page = write(run, out or folder)
     if as_json:
         console.say_json({"report": str(page), "missions": _missions(run), "notes": list(run.notes)})
@@ -53,43 +46,6 @@ def report(
     for remark in run.notes:
         console.note(f"warning: {remark}")
     console.say(f"report: {page}")
-
-
-def _storage_in(folder: Path) -> Storage:
-    """The storage of a run: its folder `storage`, where its run.json says, or the folder itself."""
-    from fleet.storage.local import LocalStorage
-    from fleet.storage.open import open_storage
-
-    if not folder.is_dir():
-        problem = Problem("DIR", f"there is no folder {folder}", "name the folder of a run")
-        raise SpecError([problem], "the command line")
-    if (folder / "storage").is_dir():
-        return LocalStorage(folder / "storage")
-    ledger = folder / "run.json"
-    return open_storage(json.loads(ledger.read_bytes())["storageUri"]) if ledger.is_file() else LocalStorage(folder)
-
-
-def _fleet_in(storage: Storage, wanted: str | None) -> FleetPaths:
-    """The fleet that is wanted, or the only one that the storage has."""
-    from fleet.storage.layout import FleetPaths
-
-    found = sorted(
-        tuple(entry.path.split("/")[:2])
-        for entry in storage.list("")
-        if entry.path.count("/") == 2 and entry.path.endswith(f"/{SPEC_NAME}")
-    )
-    names = ["/".join(parts) for parts in found]
-    if wanted is not None and wanted in names:
-        return FleetPaths(*wanted.split("/"))
-    if wanted is None and len(found) == 1:
-        return FleetPaths(*found[0])
-    if not found:
-        hint = "name the folder that fleet run wrote, or --storage"
-        problem = Problem("DIR", f"there is no run in {storage.uri}", hint)
-    else:
-        message = f"there is no fleet {wanted}" if wanted else "the storage has several fleets"
-        problem = Problem("--fleet", message, f"choose one of {', '.join(names)}")
-    raise SpecError([problem], "the command line")
 
 
 def _missions(run: RunData) -> list[dict[str, object]]:

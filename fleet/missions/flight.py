@@ -57,10 +57,46 @@ class Arrival:
     Args:
         captured: Whether the state was captured in this visit.
         legal: Bit i is set when SA may choose MOVES[i]; 0 when SA is not asked.
+        finished: What Eval() said here; None when it was not asked.
     """
 
     captured: bool
     legal: int
+    finished: bool | None = None
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What was chosen among the legal moves.
+
+    Args:
+        move: Index into MOVES.
+        explores: Whether it was drawn, whatever the scores.
+    """
+
+    move: int
+    explores: bool
+
+
+@dataclass(frozen=True)
+class GroupHistory:
+    """What HA decides from.
+
+    Args:
+        group: Index into the layout's groups.
+        utility, visited: U and V of the paper.
+        cells: States of the group.
+    """
+
+    group: int
+    utility: float
+    visited: int
+    cells: int
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether every state is captured, so that the group is left without asking HA."""
+        return self.visited == self.cells
 
 
 @dataclass
@@ -101,6 +137,16 @@ class Flight:
         """Groups of the agent's part that are behind it."""
         return self.group - self.layout.parts[self.agent][0]
 
+    @property
+    def target(self) -> int | None:
+        """The cell that the agent travels to; None when it explores its group."""
+        return self._target
+
+    def history(self, group: int) -> GroupHistory:
+        """What is behind the agent in a group."""
+        cells = len(self.layout.groups[group])
+        return GroupHistory(group, self.utility.get(group, 0.0), self.visited.get(group, 0), cells)
+
     def wants_capture(self) -> bool:
         """Whether the current state is to be sensed and mapped before `decide`."""
         has_data = bool(self.layout.group_of[self.cell] >= 0)
@@ -118,7 +164,7 @@ class Flight:
             finished: Eval() of what the agent has captured; see `arrive`.
         """
         arrival = self.arrive(reward, finished)
-        return self.leave(arrival, self._choose(arrival.legal, scores()) if arrival.legal else LAND)
+        return self.leave(arrival, self.choose(arrival.legal, scores()).move if arrival.legal else LAND)
 
     def arrive(self, reward: float, finished: Callable[[], bool] | None = None) -> Arrival:
         """Account for the current state and leave its group when that is due; the first half of `decide`.
@@ -133,17 +179,24 @@ class Flight:
             self._account(reward)
         if self._target == self.cell:
             self._target = None
-        legal = 0
+        legal, answer = 0, None
         if self._target is None:
             before = self.group
             self._leave_groups()
             over = self.group == self.layout.parts[self.agent][1]
             if not over and self.group != before and finished is not None:
-                over = finished()
+                over = answer = finished()
             if not over:
                 legal = self._legal_moves()
                 self._target = None if legal else self._nearest_left(self.group)
-        return Arrival(captured, legal)
+        return Arrival(captured, legal, answer)
+
+    def choose(self, legal: int, scores: Sequence[float]) -> Choice:
+        """The legal move of the highest score, the first of equals; now and then a random one."""
+        moves = [move for move in range(len(MOVES)) if legal >> move & 1]
+        if self.exploration > 0 and self._uniform(_EXPLORE) < self.exploration:
+            return Choice(moves[draw(self.seed, self.mission, self.agent, self.step, _PICK) % len(moves)], True)
+        return Choice(max(moves, key=lambda move: (scores[move], -move)), False)
 
     def leave(self, arrival: Arrival, choice: int) -> Decision:
         """Make the move that leaves the current state; the second half of `decide`.
@@ -178,8 +231,8 @@ class Flight:
             self.group += 1
 
     def _is_done(self, group: int) -> bool:
-        visited = self.visited.get(group, 0)
-        return visited == len(self.layout.groups[group]) or self.ha.moves_on(self.utility.get(group, 0.0), visited)
+        history = self.history(group)
+        return history.is_whole or self.ha.moves_on(history.utility, history.visited)
 
     def _legal_moves(self) -> int:
         """Moves within the group to states that are not captured, as bits."""
@@ -190,13 +243,6 @@ class Flight:
                 if cell is not None and self.layout.group_of[cell] == self.group and cell not in self.captured:
                     legal |= 1 << move
         return legal
-
-    def _choose(self, legal: int, scores: Sequence[float]) -> int:
-        """The legal move of the highest score, the first of equals; now and then a random one."""
-        moves = [move for move in range(len(MOVES)) if legal >> move & 1]
-        if self.exploration > 0 and self._uniform(_EXPLORE) < self.exploration:
-            return moves[draw(self.seed, self.mission, self.agent, self.step, _PICK) % len(moves)]
-        return max(moves, key=lambda move: (scores[move], -move))
 
     def _uniform(self, purpose: int) -> float:
         return uniform(self.seed, self.mission, self.agent, self.step, purpose)

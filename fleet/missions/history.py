@@ -23,4 +23,12 @@ class ThresholdHA:
 
     def moves_on(self, utility: float, visited: int) -> bool:
         """True when the group is left."""
-        return utility > self.utility_threshold or visited > self.visited_threshold
+        return self.is_useful_enough(utility) or self.is_seen_enough(visited)
+
+    def is_useful_enough(self, utility: float) -> bool:
+        """U > T_u."""
+        return utility > self.utility_threshold
+
+    def is_seen_enough(self, visited: int) -> bool:
+        """V > T_v."""
+        return visited > self.visited_threshold

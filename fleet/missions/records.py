@@ -54,6 +54,12 @@ def read_log(data: bytes) -> tuple[Record, ...]:
     return tuple(records)
 
 
+def records_after_gap(data: bytes) -> int:
+    """How many steps of a log follow one that is missing; 0 unless the log was damaged after it was written."""
+    steps = {record.step for record in _parse(data.splitlines())}
+    return len(steps) - len(read_log(data))
+
+
 def _parse(lines: Iterable[bytes]) -> Iterable[Record]:
     for line in lines:
         try:

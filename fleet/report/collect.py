@@ -154,7 +154,7 @@ def collect(storage: Storage, paths: FleetPaths) -> RunData:
     """
     reader = _Reader(storage)
     spec = reader.document(paths.fleet_spec, FleetSpec.model_validate_json)
-    numbers = sorted(_numbers(storage, paths))
+    numbers = sorted(mission_numbers(storage, paths))
     order = [agent.name for agent in spec.spec.agents.resolved] if spec else []
     missions = [_mission(reader, paths, number, order) for number in numbers]
     weights = [reader.document(paths.weights(number), WeightsDocument.model_validate_json) for number in numbers]
@@ -174,7 +174,7 @@ def collect(storage: Storage, paths: FleetPaths) -> RunData:
     )
 
 
-def _numbers(storage: Storage, paths: FleetPaths) -> set[int]:
+def mission_numbers(storage: Storage, paths: FleetPaths) -> set[int]:
     """Numbers of all missions that have any object."""
     folder = f"{paths.root}/missions/"
     found = (re.match(r"(\d+)/", entry.path.removeprefix(folder)) for entry in storage.list(folder.rstrip("/")))

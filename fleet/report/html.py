@@ -199,10 +199,16 @@ def _agent_row(mission: MissionRun, index: int) -> tuple[str, ...]:
         metrics = run.landing.metrics
         groups = f"{metrics.groups_explored} of {metrics.groups}"
         edge = measures.text("edge_energy_j", metrics.edge_energy_j)
-        ended = "failed" if run.agent in mission.failures else "landed"
+        ended = "failed" if run.agent in mission.failures else _ended(metrics)
     time, energy = measures.duration(metrics.time_s), measures.text("uav_energy_j", metrics.uav_energy_j)
     counts = (f"{metrics.steps:,}", f"{metrics.captures:,}", f"{run.choices:,}")
     return run.agent, *counts, groups, time, energy, edge, ended
+
+
+def _ended(metrics: AgentMetrics) -> str:
+    """Why an agent landed that did not fail: a flight with groups before it ends only when Eval() says so."""
+    over = metrics.groups_explored >= metrics.groups
+    return "landed: all groups explored" if over else "landed: Eval() said finished"
 
 
 def _models_table(run: RunData) -> Table:

@@ -23,7 +23,6 @@ from fleet.missions.records import Record, read_log
 from fleet.runtime.evaluation import evaluate_if_last, feature_space_of, keep_environment
 from fleet.runtime.pilot import Pilot
 from fleet.runtime.settings import Settings
-from fleet.spec.functions import EvalChecks
 
 _log = logging.getLogger(__name__)
 _OUT_OF_STEP_TRIES = 10
@@ -86,9 +85,8 @@ class _Loop:
         path = self._settings.paths.log(self._settings.mission, self._settings.agent)
         self._records += _read_log(self._settings, path)
         self._pilot.replay(self._records)
-        checks = self._settings.fleet.eval.checks is EvalChecks.AFTER_GROUP
         while not self._pilot.flight.landed:
-            record = self._pilot.visit(self._observe(), self._is_finished if checks else None)
+            record = self._pilot.visit(self._observe(), self._is_finished)
             self._settings.storage.append(path, record.to_line())
             self._records.append(record)
         self._land()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fleet.contexts.grid import Grid
-from fleet.missions.flight import LAND, Decision, Flight
+from fleet.missions.flight import LAND, Choice, Decision, Flight, GroupHistory
 from fleet.missions.history import ThresholdHA
 from fleet.missions.layout import Layout, plan_layout
 from fleet.spec.swarm import CARDINAL, Action, AgentSpec, Groups, Start, StateSpace
@@ -162,3 +162,33 @@ def test_north_follows_the_grid() -> None:
     agent = AgentSpec(name="a", actions=(Action.NORTH,))
     log = fly(Flight(plan_layout(grid, space, [agent]), 0, EVERYTHING))
     assert [(decision.cell, decision.move) for decision in log] == [(0, NORTH), (1, LAND)]
+
+
+@pytest.mark.parametrize("answer", [True, False])
+def test_an_arrival_says_what_eval_answered_and_that_it_was_not_asked(answer: bool) -> None:
+    flight = Flight(layout_of(["xxxx"], (1, 2)), 0, ThresholdHA(float("inf"), 1))
+    answers = []
+    while not flight.landed:
+        arrival = flight.arrive(0.0, lambda: answer)
+        answers.append(arrival.finished)
+        flight.leave(arrival, EAST)
+    assert answers == ([None, True] if answer else [None, False, None, None])
+
+
+def test_what_is_behind_in_a_group_and_where_the_agent_travels_can_be_asked() -> None:
+    flight = Flight(layout_of(["xxxx"], (1, 2)), 0, ThresholdHA(float("inf"), 0))
+    assert flight.target is None
+    flight.decide(lambda: [0.0] * 8, reward=0.5)
+    assert (flight.cell, flight.target) == (1, 2)
+    flight.decide(lambda: [0.0] * 8, reward=0.5)
+    assert flight.history(0) == GroupHistory(group=0, utility=0.5, visited=2, cells=2)
+    assert flight.history(0).is_whole
+    assert flight.history(1) == GroupHistory(group=1, utility=0.0, visited=0, cells=2)
+
+
+def test_a_choice_says_whether_it_was_drawn() -> None:
+    layout = layout_of(["xxx", "xxx", "xxx"], (3, 3), start=(1, 1))
+    scores = [1.0, 3.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    assert Flight(layout, 0, EVERYTHING).choose(0b1111, scores) == Choice(SOUTH, explores=False)
+    drawn = {Flight(layout, 0, EVERYTHING, seed=seed, exploration=1.0).choose(0b1011, scores) for seed in range(40)}
+    assert drawn == {Choice(move, explores=True) for move in (NORTH, SOUTH, WEST)}

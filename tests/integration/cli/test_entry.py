@@ -17,7 +17,8 @@ from fleet.cli import extensions
 
 Invoke = Callable[..., Result]
 Program = Callable[..., subprocess.CompletedProcess[str]]
-COMMANDS = ["init", "validate", "compile", "run", "report", "simulate", "shape", "train", "context", "serve", "version"]
+COMMANDS = ["init", "validate", "compile", "run", "report", "explain"]
+COMMANDS += ["simulate", "shape", "train", "context", "serve", "version"]
 HEAVY = {"numpy", "matplotlib", "numba", "pyarrow", "cv2", "skopt", "scipy", "uvicorn", "httpx", "jinja2"}
 
 

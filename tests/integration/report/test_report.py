@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from fleet.missions.documents import Landing
 from fleet.missions.records import read_log
 from fleet.report.collect import collect
 from fleet.report.html import shaping_sentence, verdict
@@ -180,6 +181,19 @@ def test_an_agent_that_failed_is_named_with_its_reason(
     storage.write(paths.landing(2, "agent-1"), failed)
     assert collect(storage, paths).missions[1].failures == {"agent-1": "Map() hung in row 3"}
     assert "Map() hung in row 3" in page_of(write_report(storage, paths, tmp_path)).text
+
+
+def test_each_agent_that_landed_is_told_with_the_reason(
+    storage: LocalStorage, paths: FleetPaths, tmp_path: Path
+) -> None:
+    landing = storage.read(paths.landing(2, "agent-1"))
+    metrics = Landing.model_validate_json(landing).metrics
+    early = landing.replace(b'"groupsExplored":%d' % metrics.groups, b'"groupsExplored":%d' % (metrics.groups - 1))
+    assert early != landing
+    storage.write(paths.landing(2, "agent-1"), early)
+    text = page_of(write_report(storage, paths, tmp_path)).text
+    assert text.count("landed: Eval() said finished") == 1
+    assert text.count("landed: all groups explored") == 3
 
 
 def test_a_run_before_its_first_mission_is_reported(storage: LocalStorage, paths: FleetPaths, tmp_path: Path) -> None:
