@@ -104,6 +104,19 @@ def test_a_belief_is_fitted_anew_when_it_has_grown_by_a_quarter() -> None:
     np.testing.assert_array_equal(found.deviation, wanted.deviation)
 
 
+def test_cells_that_are_equally_near_are_so_to_a_belief_too() -> None:
+    """Cells of 33 by 41 m: 41 rows are as far as 33 columns, and (33 / 41) ** 2 is not 33 / 41 * (33 / 41)."""
+    grid, cells = Grid(np.ones((60, 45), dtype=bool), 33.0, 41.0), [125, 1937, *range(2690, 2697)]
+    values = np.random.default_rng(0).normal(size=grid.cells).reshape(grid.valid.shape)
+    for taken in (cells, cells[::-1]):
+        belief, known = Belief(grid, SOME), np.zeros(grid.valid.shape, dtype=bool)
+        for cell in taken:
+            belief.observe([cell], [values.flat[cell]])
+            known.flat[cell] = True
+        wanted = from_scratch(grid, values, known, SOME)
+        np.testing.assert_array_equal(belief.prediction().values, wanted.values)
+
+
 def test_equal_values_are_believed_everywhere_until_another_one_is_found() -> None:
     belief = Belief(Grid(np.ones((5, 5), dtype=bool)))
     assert np.isnan(belief.prediction().values).all()
