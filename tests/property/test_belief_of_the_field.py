@@ -129,6 +129,16 @@ def test_equal_values_are_believed_everywhere_until_another_one_is_found() -> No
     assert belief.prediction().deviation.flat[23] > 0.0
 
 
+def test_more_of_the_same_is_no_reason_to_predict_the_whole_field_anew() -> None:
+    grid, cells = Grid(np.ones((60, 50), dtype=bool)), np.random.default_rng(1).permutation(3000)[:402]
+    belief = Belief(grid)
+    belief.observe(cells[:400], np.full(400, 4.0))
+    assert 0 < belief.observe(cells[400:401], [4.0]) < 300
+    assert belief.variogram.variance == 0.0
+    assert belief.observe(cells[401:], [5.0]) == 3000 - 402
+    assert belief.variogram.variance > 0.0
+
+
 def test_what_says_nothing_new_changes_nothing() -> None:
     valid = np.ones((4, 4), dtype=bool)
     valid[0, 0] = False
