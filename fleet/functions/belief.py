@@ -182,6 +182,8 @@ class Belief:
     def class_probabilities_of(self, cell: int) -> Values:
         """As `class_probabilities`, of one cell, float64 [4]."""
         mean, deviation = float(self.state.mean[cell]), float(self.state.deviation[cell])
+        if not self.captured or np.isnan(mean):
+            return np.full(len(CLASS_THRESHOLDS) + 1, np.nan)
         bounds = np.array(sorted(threshold * self.class_mean for threshold in CLASS_THRESHOLDS))
         below = ndtr((bounds - mean) / deviation) if deviation > 0.0 else np.asarray(mean <= bounds, dtype=np.float64)
         return np.diff(below, prepend=0.0, append=1.0)
