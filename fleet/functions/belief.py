@@ -2,7 +2,8 @@
 
 After some new cells only those are predicted anew to whose 8 nearest captured cells they belong now; the result is that
 of kriging from scratch. The covariance is fitted anew, and the whole field predicted anew, when there are a quarter
-more captured cells than at the last fit: the cost of that is spread over the cells in between.
+more captured cells than at the last fit: the cost of that is spread over the cells in between. As long as all captured
+values are equal, the first other one is a reason too.
 
 The state is a tuple of plain arrays, and what changes it is compiled without allocations, so that compiled simulators
 can have beliefs too (`take_in`, `settle` and `below` of `fleet.functions.kriging_kernel`). One that asks about a few
@@ -144,11 +145,12 @@ class Belief:
             raise ValueError(f"there are {len(where)} cells and {len(found)} values; give one value for each cell")
         if len(where) and not (where.min() >= 0 and where.max() < self._grid.cells):
             raise ValueError(f"a cell is not on the grid, whose cells are 0 to {self._grid.cells - 1}")
+        surprising = self._variogram.variance == 0.0 and bool(np.any(found != self.state.mean[where]))
         if len(where) > max(_MANY, self.captured):
             changed = self._take_in_many(where, found)
         else:
             changed = int(kriging_kernel.observe(self.state, where, found))
-        if self.captured and not self._kept and self._is_outgrown():
+        if self.captured and not self._kept and (surprising or self.captured >= _GROWTH * self._fitted_to):
             changed = self._fit()
         kriging_kernel.predict_changed(self.state, changed)
         return changed
@@ -180,6 +182,8 @@ class Belief:
     def class_probabilities_of(self, cell: int) -> Values:
         """As `class_probabilities`, of one cell, float64 [4]."""
         mean, deviation = float(self.state.mean[cell]), float(self.state.deviation[cell])
+        if not self.captured or np.isnan(mean):
+            return np.full(len(CLASS_THRESHOLDS) + 1, np.nan)
         bounds = np.array(sorted(threshold * self.class_mean for threshold in CLASS_THRESHOLDS))
         below = ndtr((bounds - mean) / deviation) if deviation > 0.0 else np.asarray(mean <= bounds, dtype=np.float64)
         return np.diff(below, prepend=0.0, append=1.0)
@@ -204,10 +208,6 @@ class Belief:
         state.widest[:] = _widest(state.reach.reshape(grid.valid.shape))
         state.changed[: len(others)] = others
         return len(others)
-
-    def _is_outgrown(self) -> bool:
-        """Whether there is much more to fit to, or at last something that varies."""
-        return self.captured >= _GROWTH * self._fitted_to or self._variogram.variance == 0.0
 
     def _fit(self) -> int:
         """Fit to all captured cells; all others are to be predicted anew, and their number is returned."""

@@ -216,7 +216,9 @@ def _compiled() -> ModuleType | None:
 def places_of(grid: Grid, variogram: Variogram) -> Places:
     """Where the cells of a grid are, and how alike they are."""
     rows, columns = np.divmod(np.arange(grid.cells, dtype=np.int32), np.int32(grid.columns))
-    return Places(rows, columns, (grid.cell_height_m / grid.cell_width_m) ** 2, _covariances(grid, variogram))
+    ratio = grid.cell_height_m / grid.cell_width_m
+    aspect = ratio * ratio  # as where neighbours are looked for: ** 2 may have another last bit, and ties would differ
+    return Places(rows, columns, aspect, _covariances(grid, variogram))
 
 
 def _covariances(grid: Grid, variogram: Variogram) -> Values:

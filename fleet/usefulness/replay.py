@@ -19,6 +19,8 @@ from fleet.usefulness.loss import Effort, MissionLoss, effort
 
 Tables = Mapping[str, NDArray[np.float64]]
 """Scores of each model in each state, [cells, len(MOVES)]."""
+_AT_ONCE = 16
+"""Replays that are flown side by side: each has scores of its own for the whole field."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +63,13 @@ class Replayer:
         """
         index = list(self.agents).index(agent)
         before, after = self._tables
-        scores = [blend(before, self.flown[agent]), *(blend(after, weights) for weights in candidates)]
-        last, *others = self._efforts(index, np.stack(scores))
-        return [self.loss.of(self.efforts[agent].plus(other, minus=last)) for other in others]
+        last = self._efforts(index, blend(before, self.flown[agent])[None])[0]
+        losses: list[float] = []
+        for start in range(0, len(candidates), _AT_ONCE):
+            scores = np.stack([blend(after, weights) for weights in candidates[start : start + _AT_ONCE]])
+            others = self._efforts(index, scores)
+            losses += [self.loss.of(self.efforts[agent].plus(other, minus=last)) for other in others]
+        return losses
 
     def _score_all(self, models: Mapping[str, SAModel]) -> dict[str, NDArray[np.float64]]:
         """Scores of each model in each state with data, [cells, len(MOVES)]; 0 elsewhere."""

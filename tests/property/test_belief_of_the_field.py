@@ -77,6 +77,16 @@ def test_probabilities_of_classes_are_those_of_the_map(flight: tuple[Grid, Value
     np.testing.assert_allclose(belief.class_probabilities(103.0), class_probabilities(map_, 103.0), atol=1e-12)
 
 
+def test_classes_of_one_cell_are_those_of_all_also_where_nothing_is_known() -> None:
+    valid = np.ones((4, 5), dtype=bool)
+    valid[1, 2] = False
+    belief = Belief(Grid(valid), SOME)
+    for cells, values in (([], []), ([3, 12], [-90.0, -110.0])):
+        belief.observe(cells, values)
+        one_by_one = np.stack([belief.class_probabilities_of(cell) for cell in range(20)], axis=1)
+        np.testing.assert_allclose(one_by_one, belief.class_probabilities().reshape(4, 20), atol=1e-12)
+
+
 def test_only_cells_whose_neighbours_change_are_predicted_anew() -> None:
     grid, generator = Grid(np.ones((60, 50), dtype=bool)), np.random.default_rng(1)
     belief, cells = Belief(grid, SOME), generator.permutation(3000)[:601]
@@ -104,6 +114,19 @@ def test_a_belief_is_fitted_anew_when_it_has_grown_by_a_quarter() -> None:
     np.testing.assert_array_equal(found.deviation, wanted.deviation)
 
 
+def test_cells_that_are_equally_near_are_so_to_a_belief_too() -> None:
+    """Cells of 33 by 41 m: 41 rows are as far as 33 columns, and (33 / 41) ** 2 is not 33 / 41 * (33 / 41)."""
+    grid, cells = Grid(np.ones((60, 45), dtype=bool), 33.0, 41.0), [125, 1937, *range(2690, 2697)]
+    values = np.random.default_rng(0).normal(size=grid.cells).reshape(grid.valid.shape)
+    for taken in (cells, cells[::-1]):
+        belief, known = Belief(grid, SOME), np.zeros(grid.valid.shape, dtype=bool)
+        for cell in taken:
+            belief.observe([cell], [values.flat[cell]])
+            known.flat[cell] = True
+        wanted = from_scratch(grid, values, known, SOME)
+        np.testing.assert_array_equal(belief.prediction().values, wanted.values)
+
+
 def test_equal_values_are_believed_everywhere_until_another_one_is_found() -> None:
     belief = Belief(Grid(np.ones((5, 5), dtype=bool)))
     assert np.isnan(belief.prediction().values).all()
@@ -114,6 +137,16 @@ def test_equal_values_are_believed_everywhere_until_another_one_is_found() -> No
     belief.observe([24], [6.0])
     assert belief.prediction().values.flat[23] > 4.0
     assert belief.prediction().deviation.flat[23] > 0.0
+
+
+def test_more_of_the_same_is_no_reason_to_predict_the_whole_field_anew() -> None:
+    grid, cells = Grid(np.ones((60, 50), dtype=bool)), np.random.default_rng(1).permutation(3000)[:402]
+    belief = Belief(grid)
+    belief.observe(cells[:400], np.full(400, 4.0))
+    assert 0 < belief.observe(cells[400:401], [4.0]) < 300
+    assert belief.variogram.variance == 0.0
+    assert belief.observe(cells[401:], [5.0]) == 3000 - 402
+    assert belief.variogram.variance > 0.0
 
 
 def test_what_says_nothing_new_changes_nothing() -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import dataclass
 
 import numpy as np
@@ -191,6 +192,19 @@ def test_a_replay_is_the_agents_own_flight() -> None:
         assert not flown.captured[0][np.concatenate(LAYOUT.groups[:1])].any()
     expected = replay.loss.of(Effort(0.5, 0.6).plus(efforts[1], minus=efforts[0]))
     assert replay("agent-2", [{"initial": 1.0}]) == [expected]
+
+
+def test_many_replays_take_no_more_memory_than_some_and_say_the_same() -> None:
+    replay = replayer(ROWS, {"initial": ROWS, "1": COLUMNS})
+    few = [{"initial": 1 - share, "1": share} for share in (0.0, 0.2, 0.4, 0.9)]
+    peaks, found = [], []
+    for candidates in (few * 8, few * 64):
+        tracemalloc.start()
+        found.append(replay("agent-1", candidates))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert found[1] == found[0] * 8
+    assert peaks[1] < 1.5 * peaks[0]
 
 
 def test_weights_of_agents_do_not_touch_each_other() -> None:
