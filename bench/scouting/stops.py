@@ -5,7 +5,8 @@
 For each field the stop rule is learned from simulated missions over the other fields (never the one that is flown), so
 that it ends CONFIDENCE of them with the goal met. Then missions over the field end by that rule. Printed: the share
 that met the goal; their energy over that of a clairvoyant, who lands as soon as the map is good enough for three claims
-in a row; and what the swarm claimed at the end minus what was true, in points.
+in a row; what the swarm claimed at the end minus what was true, and how far off a mission's claim was either way, in
+points. A mission that never meets the goal has no clairvoyant, and its energy does not count.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ class Row:
         met: Share of the missions that met the goal.
         energy: Energy over the clairvoyant's.
         claimed: Claimed minus true accuracy at the end.
+        off: The same either way.
     """
 
     field: str
@@ -48,6 +50,7 @@ class Row:
     met: float
     energy: float
     claimed: float
+    off: float
 
 
 def main() -> None:
@@ -77,30 +80,40 @@ def rows(missions: Missions) -> Iterator[Row]:
             contexts = [claims for (other, _), claims in missions.items() if other != name]
             rule = learned(contexts, goal, CONFIDENCE)
             ends = [ended(claims, rule) for (other, _), claims in missions.items() if other == name]
-            yield Row(name, goal, rule.caution, *(float(mean) for mean in np.mean(ends, axis=0)))
+            yield Row(name, goal, rule.caution, *(float(mean) for mean in np.nanmean(ends, axis=0)))
 
 
-def ended(claims: Claims, rule: StopRule) -> tuple[float, float, float]:
-    """Whether a mission met the goal when the rule ended it, its energy over a clairvoyant's, its claim's error."""
+def ended(claims: Claims, rule: StopRule) -> tuple[float, float, float, float]:
+    """Whether a mission met the goal when the rule ended it, its energy over a clairvoyant's, its claim's error, and
+    that either way."""
     stop = claims.stop(rule)
     at = len(claims.truth) - 1 if stop is None else stop
     met = claims.truth >= rule.goal
     in_a_row = met & np.append(met[1:], True) & np.append(met[2:], [True, True])
-    best = int(in_a_row.argmax())
-    share = claims.energy_j[at] / claims.energy_j[best]
-    return float(met[at]), float(share), float(claims.claimed[at] - claims.truth[at])
+    share = claims.energy_j[at] / claims.energy_j[int(in_a_row.argmax())] if in_a_row.any() else np.nan
+    error = float(claims.claimed[at] - claims.truth[at])
+    return float(met[at]), float(share), error, abs(error)
 
 
 def show(found: Sequence[Row]) -> None:
     """Print a table, with the mean over the fields."""
-    table = Table("goal", "field", "caution", "goal met", "energy over clairvoyant", "claimed - true, points")
+    table = Table(
+        "goal", "field", "caution", "goal met", "energy over clairvoyant", "claimed - true, points", "either way"
+    )
     for goal in GOALS:
         of_goal = [row for row in found if row.goal == goal]
         for row in of_goal:
-            figures = (f"{row.caution:.2f}", f"{row.met:.0%}", f"{row.energy:.2f}", f"{100 * row.claimed:+.1f}")
+            figures = (
+                f"{row.caution:.2f}",
+                f"{row.met:.0%}",
+                f"{row.energy:.2f}",
+                f"{100 * row.claimed:+.1f}",
+                f"{100 * row.off:.1f}",
+            )
             table.add_row(f"{goal:.0%}", row.field, *figures)
-        met, energy, off = np.mean([(row.met, row.energy, abs(row.claimed)) for row in of_goal], axis=0)
-        table.add_row(f"{goal:.0%}", "mean", "", f"{met:.1%}", f"{energy:.2f}", f"{100 * off:.1f} either way")
+        met, energy, claimed, off = np.mean([(row.met, row.energy, row.claimed, row.off) for row in of_goal], axis=0)
+        figures = (f"{met:.1%}", f"{energy:.2f}", f"{100 * claimed:+.1f}", f"{100 * off:.1f}")
+        table.add_row(f"{goal:.0%}", "mean", "", *figures)
     Console(width=120).print(table)
 
 
