@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from bench.extrapolation import group_walks, likely
+from bench.scouting.fields import corn
 from fleet.contexts.base import Environment
 from fleet.contexts.grid import Grid
 from fleet.functions.classes import class_mean, class_probabilities, classes, expected_accuracy, likely_values
@@ -147,12 +149,8 @@ def test_the_example_evaluates_any_number_of_captured_cells(states: list[int], m
 
 
 def test_the_example_maps_a_real_field_well_from_a_quarter_of_it(shared_data: Path) -> None:
-    sys.path.insert(0, str(EXAMPLE.parent.parent / "bench"))
-    try:
-        import extrapolation as bench  # noqa: PLC0415  # a script beside the package
-    finally:
-        sys.path.pop(0)
-    place = bench.corn(shared_data / "corn-cube" / "2018-09-16.csv", "2018-09-16")
-    sample = bench.group_walks(place.grid, 0.25, np.random.default_rng(0))
-    found = truth_metrics(bench.likely(np.where(sample, place.truth, NAN), place), place)
+    place = corn(shared_data, "2018-09-16")
+    sample = group_walks(place.grid, 0.25, np.random.default_rng(0))
+    assert place.truth is not None
+    found = truth_metrics(likely(np.where(sample, place.truth, NAN), place), place)
     assert found["accuracy"] > 0.78
