@@ -9,6 +9,8 @@ from fleet.contexts.base import Environment
 from fleet.contexts.grid import Grid
 from fleet.energy.accounting import EnergyModel
 from fleet.energy.profiles import load_aircraft, load_edge
+from fleet.functions.belief import Belief
+from fleet.functions.classes import class_probabilities
 from fleet.functions.kriging import Variogram, matern32
 
 Values = NDArray[np.float64]
@@ -34,3 +36,8 @@ def drawn(seed: int, rows: int = 12, columns: int = 14) -> Values:
 def environment(truth: Values) -> Environment:
     """A field that is known; no data where the truth is NaN."""
     return Environment("field", "", Grid(np.isfinite(truth), CELL_M, CELL_M), "exg", truth)
+
+
+def probabilities_of(belief: Belief, cell: int) -> Values:
+    """Probability of each class of one cell, from the map of the belief, float64 [4]."""
+    return class_probabilities(belief.prediction(), belief.class_mean).reshape(4, -1)[:, cell]

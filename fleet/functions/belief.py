@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr
 
 from fleet.contexts.grid import Grid
 from fleet.functions import compiled_kriging, kriging_kernel
@@ -178,15 +177,6 @@ class Belief:
         found = np.empty((len(bounds) + 1, self._grid.cells))
         kriging_kernel.class_probabilities(self.state, bounds, found)
         return found.reshape(-1, *self._grid.valid.shape)
-
-    def class_probabilities_of(self, cell: int) -> Values:
-        """As `class_probabilities`, of one cell, float64 [4]."""
-        mean, deviation = float(self.state.mean[cell]), float(self.state.deviation[cell])
-        if not self.captured or np.isnan(mean):
-            return np.full(len(CLASS_THRESHOLDS) + 1, np.nan)
-        bounds = np.array(sorted(threshold * self.class_mean for threshold in CLASS_THRESHOLDS))
-        below = ndtr((bounds - mean) / deviation) if deviation > 0.0 else np.asarray(mean <= bounds, dtype=np.float64)
-        return np.diff(below, prepend=0.0, append=1.0)
 
     def _take_in_many(self, cells: NDArray[np.int64], values: Values) -> int:
         """As `kriging_kernel.observe`, by looking for the neighbours of all cells instead of telling them of each."""

@@ -301,7 +301,8 @@ _FLIGHTS = {
     for role in (Role.SENSOR, Role.WORKFLOW)
     for index in range(AGENTS)
 }
-# A pod that moves to another machine may be seen failing there while the computer that runs them all is busy.
+# A machine that is back reports the pods that ran on it as failed, until they are removed: it depends on who is faster
+# whether the operator sees that.
 _NODE_LOST = Allowed(frozenset({"NodeLost", "PodFailing", "Recovered"}), started_again=frozenset(_FLIGHTS))
 _MADE_ANEW = Allowed(started_again=frozenset({names.training_job(FLEET), *_FLIGHTS}))
 _REAL_FLIGHT = Allowed(started_again=frozenset({names.mission_job(Role.WORKFLOW, REAL.fleet, 1, AGENT)}))

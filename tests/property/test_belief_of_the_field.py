@@ -77,16 +77,6 @@ def test_probabilities_of_classes_are_those_of_the_map(flight: tuple[Grid, Value
     np.testing.assert_allclose(belief.class_probabilities(103.0), class_probabilities(map_, 103.0), atol=1e-12)
 
 
-def test_classes_of_one_cell_are_those_of_all_also_where_nothing_is_known() -> None:
-    valid = np.ones((4, 5), dtype=bool)
-    valid[1, 2] = False
-    belief = Belief(Grid(valid), SOME)
-    for cells, values in (([], []), ([3, 12], [-90.0, -110.0])):
-        belief.observe(cells, values)
-        one_by_one = np.stack([belief.class_probabilities_of(cell) for cell in range(20)], axis=1)
-        np.testing.assert_allclose(one_by_one, belief.class_probabilities().reshape(4, 20), atol=1e-12)
-
-
 def test_only_cells_whose_neighbours_change_are_predicted_anew() -> None:
     grid, generator = Grid(np.ones((60, 50), dtype=bool)), np.random.default_rng(1)
     belief, cells = Belief(grid, SOME), generator.permutation(3000)[:601]

@@ -19,7 +19,7 @@ from fleet.planning.calibration import (
     fit,
 )
 from fleet.planning.interest import FEW
-from tests.planning import SMOOTH, Values, drawn, full
+from tests.planning import SMOOTH, Values, drawn, full, probabilities_of
 
 
 def with_pairs(said: Sequence[float] | Values, right: Sequence[bool] | Values) -> Calibration:
@@ -93,7 +93,7 @@ def test_a_prediction_is_what_was_believed_when_the_belief_was_last_asked(seed: 
         asked = FEW + (order - FEW) // lag * lag
         before = Belief(grid, SMOOTH)
         before.observe(cells[:asked], truth[cells[:asked]])
-        said = before.class_probabilities_of(int(cells[order]))
+        said = probabilities_of(before, int(cells[order]))
         found = classes(truth[cells[order], None], before.class_mean)[0]
         expected.append((pytest.approx(said.max(), abs=1e-9), bool(said.argmax() == found)))
     assert list(calibration.pairs) == expected
@@ -105,7 +105,7 @@ def test_what_is_captured_never_changes_what_was_foretold(value: float) -> None:
     grid, truth = full(8, 9), drawn(0, 8, 9).reshape(-1)
     belief, calibration = Belief(grid, SMOOTH), Calibration()
     belief.observe(np.arange(0, 60, 3), truth[0:60:3])
-    probabilities = belief.class_probabilities_of(31)
+    probabilities = probabilities_of(belief, 31)
     calibration.foresee(belief, 31, value)
     ((said, right),) = calibration.pairs
     assert said == pytest.approx(probabilities.max(), abs=1e-9)
@@ -128,7 +128,7 @@ def test_claims_are_captured_cells_and_the_chance_of_each_other_one() -> None:
     offset, slope = fit(np.full(100, 0.9), np.array([1.0] * 60 + [0.0] * 40))
     total = 18.0
     for cell in set(range(72)) - set(range(0, 72, 4)):
-        share = min(max(float(belief.class_probabilities_of(cell).max()), 0.02), 0.99)
+        share = min(max(float(probabilities_of(belief, cell).max()), 0.02), 0.99)
         total += 1.0 / (1.0 + np.exp(-offset - slope * np.log(share / (1.0 - share))))
     assert expected_accuracy(belief, calibration) == pytest.approx(total / 72, rel=1e-9)
     assert expected_accuracy(belief, calibration) < expected_accuracy(belief, Calibration())

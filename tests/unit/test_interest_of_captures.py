@@ -8,7 +8,7 @@ import pytest
 from fleet.contexts.grid import Grid
 from fleet.functions.belief import Belief
 from fleet.planning.interest import FEW, InterestWeights, doubts, interest
-from tests.planning import SMOOTH, Values, drawn
+from tests.planning import SMOOTH, Values, drawn, probabilities_of
 
 DOUBT = InterestWeights(doubt=1.0, doubt_around=0.0, novelty=0.0)
 AROUND = InterestWeights(doubt=0.0, doubt_around=1.0, novelty=0.0)
@@ -28,7 +28,7 @@ def belief_of(captured: int, seed: int = 1) -> Belief:
 
 def wrong(belief: Belief, cell: int) -> float:
     """1 - the probability of the most probable class, cell by cell."""
-    return 0.0 if belief.known.flat[cell] else 1.0 - float(belief.class_probabilities_of(cell).max())
+    return 0.0 if belief.known.flat[cell] else 1.0 - float(probabilities_of(belief, cell).max())
 
 
 @pytest.mark.parametrize("captured", [0, 1, FEW - 1, FEW, 60])
