@@ -24,12 +24,13 @@ from fleet.learning.goals import Objective
 from fleet.learning.model import Fit, SAModel
 from fleet.learning.qlearning import QLearning
 from fleet.learning.reward import Normaliser, RewardModel
+from fleet.missions.accounting import part_cells
 from fleet.missions.layout import MOVES, Layout, plan_layout
 from fleet.missions.records import Record
 from fleet.simulator.batch import Batch, Flown, fly
 from fleet.spec.learning import SASpec
 from fleet.spec.swarm import Agents, Goal, Groups, StateSpace
-from fleet.usefulness.loss import Effort, MissionLoss, effort, full_energy_j, part_cells
+from fleet.usefulness.loss import Effort, MissionLoss, effort, full_energy_j
 
 AGENTS = [f"agent-{number}" for number in range(1, 5)]
 FEATURES = ("exg", "lai", "brightness")

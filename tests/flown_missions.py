@@ -58,8 +58,8 @@ def settings_of(storage: LocalStorage, agent: str, mission: int) -> Settings:
 def fly(settings: Settings) -> None:
     """From take-off to landing; when Eval() is asked, it says finished after 8 captures."""
     pilot = Pilot(settings, environment())
-    while not pilot.flight.landed:
-        ssv = SSV[pilot.flight.cell] if pilot.flight.wants_capture() else None
+    while not pilot.landed:
+        ssv = SSV[pilot.cell] if pilot.wants_capture() else None
         record = pilot.visit(ssv, lambda: pilot.metrics.captures >= 8)
         settings.storage.append(settings.paths.log(settings.mission, settings.agent), record.to_line())
 

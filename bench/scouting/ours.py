@@ -9,9 +9,10 @@ import numpy as np
 from bench.scouting.fields import Field
 from bench.scouting.flight import ENERGY, Flights, flown
 from fleet.missions.layout import MOVES
-from fleet.planning.interest import InterestWeights
 from fleet.planning.paths import STRAIGHT
-from fleet.planning.swarm import Scout, Swarm, Tactics
+from fleet.planning.scouting import Scout
+from fleet.planning.swarm import Swarm, scattered
+from fleet.planning.tactics import InterestWeights, Tactics
 
 DEFAULT = Tactics()
 DOUBT_ONLY = Tactics(weights=InterestWeights(doubt_around=0.0, novelty=0.0))
@@ -21,7 +22,7 @@ class Wanderers(Swarm):
     """The same starts, but random moves to cells that are not captured."""
 
     def __init__(self, field: Field, agents: int, tactics: Tactics, seed: int) -> None:
-        super().__init__(field.grid, ENERGY, agents, tactics, seed)
+        super().__init__(field.grid, ENERGY, scattered(field.grid, agents, seed), tactics)
         self._generator = np.random.default_rng([seed, 1])
         self._field = field
 
@@ -63,9 +64,9 @@ class Ours:
         if self.wanders:
             swarm: Swarm = Wanderers(field, agents, self.tactics, seed)
         else:
-            swarm = Swarm(field.grid, ENERGY, agents, self.tactics, seed)
+            swarm = Swarm(field.grid, ENERGY, scattered(field.grid, agents, seed), self.tactics)
         swarm.fly(lambda cell: float(field.truth[cell]))
-        return tuple(flown(field.grid, np.array(scout.cells), np.array(scout.captured)) for scout in swarm.scouts)
+        return tuple(flown(field.grid, np.array(trace.cells), np.array(trace.captured)) for trace in swarm.traces)
 
 
 def ours() -> tuple[Ours, ...]:

@@ -24,7 +24,7 @@ from bench.scouting.fields import AIMED, field
 from bench.scouting.flight import ENERGY
 from fleet.planning.rehearsal import rehearse
 from fleet.planning.stop import Claims, StopRule, learned
-from fleet.planning.swarm import Tactics
+from fleet.planning.tactics import Tactics
 
 GOALS = (0.7, 0.8)
 CONFIDENCE = 0.93

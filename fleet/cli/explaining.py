@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
@@ -15,7 +15,7 @@ from fleet.cli import console, runs
 from fleet.errors import Problem, SpecError
 
 if TYPE_CHECKING:
-    from fleet.report.explain import Explanation, FlownLog
+    from fleet.report.explain import FlownLog
     from fleet.runtime.settings import Settings
     from fleet.storage.layout import FleetPaths
     from fleet.storage.port import Storage
@@ -47,13 +47,14 @@ def explain(  # noqa: PLR0913, PLR0917 - the options of a command
         message = f"the log of {settings.agent} in mission {settings.mission} has no step {step}"
         there = [f"it has steps 0 to {len(log.records) - 1}", *_remarks(log)]
         _refuse("--step", message, "; ".join(there))
-    steps = log.explain(step)
+    told = _scout_told(log, step) if log.plans else _told(log, step)
     if as_json:
-        console.say_json(_document(settings, log, steps))
+        console.say_json(_document(settings, log, told))
     elif step is None:
-        _say_all(settings, log, steps)
+        console.say(_title(settings, log))
+        console.table(told.header, told.rows)
     else:
-        _say_one(settings, log, steps[0])
+        _say_one(settings, log, told)
     for remark in _remarks(log):
         console.note(f"warning: {remark}")
 
@@ -91,37 +92,70 @@ def _refuse(path: str, message: str, hint: str) -> NoReturn:
     raise SpecError([Problem(path, message, hint)], "the command line")
 
 
-def _say_one(settings: Settings, log: FlownLog, step: Explanation) -> None:
+@dataclass(frozen=True)
+class _Told:
+    """What is said of steps.
+
+    Args:
+        header, rows: Each in short.
+        lines, scores: The first one at length: what each line is about and what it says, and a table.
+        documents: Each for machines.
+    """
+
+    header: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+    lines: Sequence[tuple[str, str]]
+    scores: tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]
+    documents: Sequence[dict[str, object]]
+
+
+def _told(log: FlownLog, step: int | None) -> _Told:
     from fleet.report import telling
 
-    console.say(f"{_title(settings, log)}, step {step.record.step} of {len(log.records) - 1}")
-    for subject, sentence in telling.lines(step):
+    steps = log.explain(step)
+    return _Told(
+        header=telling.STEPS_HEADER,
+        rows=[telling.step_row(one) for one in steps],
+        lines=list(telling.lines(steps[0])),
+        scores=telling.scores(steps[0]),
+        documents=[telling.document(one) for one in steps],
+    )
+
+
+def _scout_told(log: FlownLog, step: int | None) -> _Told:
+    from fleet.report import telling_scout
+
+    steps = log.explain_scout(step)
+    return _Told(
+        header=telling_scout.STEPS_HEADER,
+        rows=[telling_scout.step_row(one) for one in steps],
+        lines=list(telling_scout.lines(steps[0])),
+        scores=telling_scout.scores(steps[0]),
+        documents=[telling_scout.document(one) for one in steps],
+    )
+
+
+def _say_one(settings: Settings, log: FlownLog, told: _Told) -> None:
+    number = told.documents[0]["step"]
+    console.say(f"{_title(settings, log)}, step {number} of {len(log.records) - 1}")
+    for subject, sentence in told.lines:
         console.say(f"{subject:<9} {sentence}")
-    header, rows = telling.scores(step)
+    header, rows = told.scores
     if rows:
         console.say()
         console.table(header, rows)
-
-
-def _say_all(settings: Settings, log: FlownLog, steps: Sequence[Explanation]) -> None:
-    from fleet.report import telling
-
-    console.say(_title(settings, log))
-    console.table(telling.STEPS_HEADER, [telling.step_row(step) for step in steps])
 
 
 def _title(settings: Settings, log: FlownLog) -> str:
     return f"Mission {settings.mission} over {log.context}, {settings.agent}"
 
 
-def _document(settings: Settings, log: FlownLog, steps: Sequence[Explanation]) -> dict[str, object]:
-    from fleet.report import telling
-
+def _document(settings: Settings, log: FlownLog, told: _Told) -> dict[str, object]:
     return {
         "mission": settings.mission,
         "context": log.context,
         "agent": settings.agent,
         "recorded": len(log.records),
         "lost": log.lost,
-        "steps": [telling.document(step) for step in steps],
+        "steps": list(told.documents),
     }

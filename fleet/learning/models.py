@@ -50,6 +50,8 @@ def blank_model(sa: SASpec, features: Sequence[str], normaliser: Normaliser, see
             return QLearning.blank(sa, tuple(features), normaliser, seed)
         case SAKind.DQN | SAKind.DDPG:
             return blank_network(sa, tuple(features), normaliser, seed)
+        case SAKind.PLANNER:
+            raise ModelError("a Planner learns what captures bring, not scores of moves: see fleet.learning.planner")
 
 
 def load_model(data: bytes, features: Sequence[str] | None = None) -> SAModel:

@@ -11,6 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from fleet.errors import TrainingError
+from fleet.planning.stop import StopRule
+from fleet.planning.tactics import InterestWeights
 from fleet.spec.base import Model
 
 
@@ -33,6 +36,20 @@ class Normaliser(Model):
         return np.asarray(np.clip((ssv - low) / span, 0.0, 1.0))
 
 
+class PlannerReward(Model):
+    """What a Planner flies by: R over what is believed of the next states, and HA as a stop."""
+
+    feature: str = Field(description="The feature of the SSV that is mapped.")
+    weights: InterestWeights = Field(description="R: what makes a capture interesting.")
+    goal: float = Field(description="Accuracy to reach.")
+    caution: float = Field(description="How much the expected accuracy may be off by after one prediction.")
+
+    @property
+    def rule(self) -> StopRule:
+        """HA."""
+        return StopRule(self.goal, self.caution)
+
+
 class RewardModel(Model):
     """What reward shaping found: feature weights and HA thresholds.
 
@@ -48,6 +65,20 @@ class RewardModel(Model):
     goals_met: bool = Field(description="Whether every goal was met on every shaping context.")
     evaluations: int = Field(default=0, description="Parameter sets that were simulated.")
     successes: int = Field(default=0, description="How many of them met every goal on every shaping context.")
+    planner: PlannerReward | None = Field(
+        default=None, description="What a Planner flies by; its weights and thresholds above are 0 and have no meaning."
+    )
+
+    @property
+    def of_planner(self) -> PlannerReward:
+        """What a Planner flies by.
+
+        Raises:
+            TrainingError: it was shaped for state groups.
+        """
+        if self.planner is None:
+            raise TrainingError("the reward was shaped for state groups, and sa.kind is Planner; train again")
+        return self.planner
 
     def reward(self, ssv: NDArray[np.float64]) -> NDArray[np.float64]:
         """R of a transition into a state, [n], for SSVs [n, features]; NaN rows stay NaN."""

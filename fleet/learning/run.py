@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from fleet.errors import ModelError, TrainingError
@@ -83,15 +83,19 @@ def objective_of(fleet: Fleet, contexts: int) -> Objective:
     return Objective(fleet.goals, shaping.minimise, shaping.margin, contexts)
 
 
-def references(fleet: Fleet, grounds: Grounds) -> tuple[float, ...]:
+def references(
+    fleet: Fleet, grounds: Grounds, thorough: Callable[[Grounds], Sequence[Mapping[str, float]]] = visit_everything
+) -> tuple[float, ...]:
     """The metric to minimise of a mission that visits everything, for each context; NaN where Eval() gives none.
 
+    Args:
+        thorough: Metrics of such a mission over each context.
     Raises:
         TrainingError: Eval() has no metric for a goal even then, so that no mission could meet it.
         FunctionError: Eval() failed.
     """
-    thorough = visit_everything(grounds)
-    given = {name for metrics in thorough for name in metrics}
+    missions = thorough(grounds)
+    given = {name for metrics in missions for name in metrics}
     absent = sorted({goal.metric for goal in fleet.goals} - given)
     if absent:
         raise TrainingError(
@@ -99,7 +103,7 @@ def references(fleet: Fleet, grounds: Grounds) -> tuple[float, ...]:
             f"{', '.join(sorted(given)) or 'none'}: correct the goal, or return the metric"
         )
     name = fleet.reward_shaping.minimise
-    return tuple(float(metrics.get(name, math.nan)) for metrics in thorough)
+    return tuple(float(metrics.get(name, math.nan)) for metrics in missions)
 
 
 def total_loss(objective: Objective, missions: Sequence[Mapping[str, float]], reference: Sequence[float]) -> float:

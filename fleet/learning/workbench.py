@@ -6,13 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from fleet.contexts.base import Context
 from fleet.contexts.grid import Grid
 from fleet.contexts.load import load_context
 from fleet.energy.accounting import EnergyModel
 from fleet.energy.model import energy_model
 from fleet.functions.contract import EvalClient, MapClient
 from fleet.learning.practice import Grounds
+from fleet.missions.layout import layout_of
 from fleet.simulator.terrain import Terrain, survey
 from fleet.spec.functions import ContextUse
 from fleet.spec.resources import Fleet
@@ -77,14 +77,14 @@ class Workbench:
         return Grounds(self.terrains(use), names, self.energy, self.evaluator)
 
     def _make(self, name: str) -> Terrain:
-        context: Context = load_context(self.storage, self.paths.context(name))
+        context = load_context(self.storage, self.paths.context(name))
         environment = context.environment
         cache_path = self.paths.mapped(environment.digest, self.map_client.version)
         ssv = survey(context, self.map_client, self.storage, cache_path, self.progress)
         agents = self.agents
         if name != self.fleet.state_space.context:
             agents = tuple(_placed(agent, environment.grid) for agent in agents)
-        return Terrain.of(context, self.map_client, ssv, self.fleet.state_space, agents)
+        return Terrain(environment, self.map_client.features, ssv, layout_of(environment.grid, self.fleet, agents))
 
 
 def _placed(agent: AgentSpec, grid: Grid) -> AgentSpec:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from fleet.energy.accounting import EnergyModel, FlightCounts
-from fleet.functions.contract import AgentMetrics
-from fleet.missions.layout import MOVES
+from fleet.functions.contract import AgentMetrics, Metrics
+from fleet.missions.layout import MOVES, Layout
 from fleet.missions.records import Record
+from fleet.spec.swarm import Action
 
 
 def counts_of(records: Sequence[Record]) -> FlightCounts:
@@ -42,3 +43,24 @@ def agent_metrics(agent: str, counts: FlightCounts, energy: EnergyModel, groups:
         groups=groups,
         groups_explored=explored,
     )
+
+
+def part_cells(layout: Layout, agent: int) -> int:
+    """How many states with data are in an agent's part."""
+    first, end = layout.parts[agent]
+    return sum(len(group) for group in layout.groups[first:end])
+
+
+def thorough_metrics(layout: Layout, agents: Sequence[str], energy: EnergyModel) -> Metrics:
+    """What a mission takes in which every agent visits and captures its part without a detour.
+
+    Args:
+        agents: Names, in the layout's order.
+    """
+    flights = []
+    for index, name in enumerate(agents):
+        cells, (first, end) = part_cells(layout, index), layout.parts[index]
+        moves = tuple(cells if action is Action.EAST else 0 for action in Action)
+        counts = FlightCounts(moves, captures=cells, decisions=cells, steps=cells + 1)
+        flights.append(agent_metrics(name, counts, energy, groups=end - first, explored=end - first))
+    return Metrics(tuple(flights))

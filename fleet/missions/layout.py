@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from fleet.contexts.grid import Grid
 from fleet.errors import MissionError
+from fleet.spec.learning import SAKind
+from fleet.spec.resources import Fleet
 from fleet.spec.swarm import Action, AgentSpec, GroupOrder, StateSpace
 
 MOVES = tuple(Action)
@@ -49,6 +51,20 @@ class Layout:
         return len(self.parts)
 
 
+def layout_of(grid: Grid, fleet: Fleet, agents: Sequence[AgentSpec] | None = None) -> Layout:
+    """The layout in which a fleet flies over a grid.
+
+    Args:
+        agents: Who flies; the fleet's agents when left out.
+    Raises:
+        MissionError: the agents do not fit on the grid.
+    """
+    agents = fleet.agents.resolved if agents is None else agents
+    if fleet.sa.kind is SAKind.PLANNER:
+        return plan_field(grid, agents)
+    return plan_layout(grid, fleet.state_space, agents)
+
+
 def plan_layout(grid: Grid, space: StateSpace, agents: Sequence[AgentSpec]) -> Layout:
     """Form groups, order them, and give each agent its part.
 
@@ -65,8 +81,34 @@ def plan_layout(grid: Grid, space: StateSpace, agents: Sequence[AgentSpec]) -> L
         group_of[cells] = index
     parts = divide([len(cells) for cells in groups], len(agents))
     starts = tuple(_start(grid, agent, groups[first]) for agent, (first, _) in zip(agents, parts, strict=True))
-    actions = tuple(tuple(sorted({MOVES.index(action) for action in agent.actions or ()})) for agent in agents)
+    actions = tuple(_actions(agent) for agent in agents)
     return Layout(grid, groups, group_of, parts, starts, actions, space.capture_in_transit)
+
+
+def plan_field(grid: Grid, agents: Sequence[AgentSpec]) -> Layout:
+    """The layout of agents that may fly anywhere: a part of the field for each to take off in, as its one group.
+
+    An agent without a start takes off in the middle of its part.
+
+    Raises:
+        MissionError: there are fewer cells with data than agents, or a start is outside the grid.
+    """
+    from fleet.missions.partition import middle, parts  # noqa: PLC0415 - scipy loads only for those who plan
+
+    groups = parts(grid, len(agents))
+    group_of = np.full(grid.cells, -1, dtype=np.int64)
+    for index, cells in enumerate(groups):
+        group_of[cells] = index
+    middles = [np.array([middle(grid, cells)]) for cells in groups]
+    return Layout(
+        grid=grid,
+        groups=groups,
+        group_of=group_of,
+        parts=tuple((index, index + 1) for index in range(len(agents))),
+        starts=tuple(_start(grid, agent, first) for agent, first in zip(agents, middles, strict=True)),
+        actions=tuple(_actions(agent) for agent in agents),
+        capture_in_transit=True,
+    )
 
 
 def form_groups(grid: Grid, rows: int, columns: int, order: GroupOrder) -> tuple[NDArray[np.int64], ...]:
@@ -123,6 +165,10 @@ def divide(sizes: Sequence[int], parts: int) -> tuple[tuple[int, int], ...]:
         cut = int(np.argmin(np.abs(ends - ideal))) + 1
         cuts.append(min(max(cut, cuts[-1] + 1), len(sizes) - (parts - part)))
     return tuple(pairwise([*cuts, len(sizes)]))
+
+
+def _actions(agent: AgentSpec) -> tuple[int, ...]:
+    return tuple(sorted({MOVES.index(action) for action in agent.actions or ()}))
 
 
 def _start(grid: Grid, agent: AgentSpec, first_group: NDArray[np.int64]) -> int:

@@ -49,3 +49,10 @@ def pieces(grid: Grid, cells: Cells) -> int:
     inside = np.zeros(grid.cells, dtype=np.bool_)
     inside[cells] = True
     return int(label(inside.reshape(grid.rows, grid.columns), np.ones((3, 3)))[1])
+
+
+def middle(grid: Grid, cells: Cells) -> int:
+    """The cell that is nearest to the centre of some, the first of equals."""
+    rows, columns = np.divmod(cells, grid.columns)
+    down, across = (rows - rows.mean()) * grid.cell_height_m, (columns - columns.mean()) * grid.cell_width_m
+    return int(cells[np.argmin(np.square(down) + np.square(across))])

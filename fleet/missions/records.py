@@ -10,6 +10,9 @@ import json
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 
+_OF_PLANS = ("plan", "heard")
+"""Left out of a line when they are empty, as they are in flights through state groups."""
+
 
 @dataclass(frozen=True)
 class Record:
@@ -26,6 +29,8 @@ class Record:
         action: The name of the move, or "Land".
         time_s: Mission time on arrival in the state, in s.
         uav_energy_j: Energy of the aircraft spent up to and including the capture here.
+        plan: Moves that are to follow this one, where SA plans.
+        heard: How many records of each agent, in the fleet's order, a plan was made with; empty where none was made.
     """
 
     step: int
@@ -39,10 +44,16 @@ class Record:
     action: str
     time_s: float
     uav_energy_j: float
+    plan: tuple[int, ...] = ()
+    heard: tuple[int, ...] = ()
 
     def to_line(self) -> bytes:
         """The record as a line of JSON, with a line end on both sides so that a torn line before it stays alone."""
-        return b"\n" + json.dumps(asdict(self), separators=(",", ":")).encode() + b"\n"
+        fields = asdict(self)
+        for name in _OF_PLANS:
+            if not fields[name]:
+                del fields[name]
+        return b"\n" + json.dumps(fields, separators=(",", ":")).encode() + b"\n"
 
 
 def read_log(data: bytes) -> tuple[Record, ...]:
@@ -64,6 +75,6 @@ def _parse(lines: Iterable[bytes]) -> Iterable[Record]:
     for line in lines:
         try:
             fields = json.loads(line)
-            yield Record(**{**fields, "ssv": tuple(fields["ssv"])})
+            yield Record(**{**fields, **{name: tuple(fields.get(name, ())) for name in ("ssv", *_OF_PLANS)}})
         except (ValueError, TypeError, KeyError):  # a torn line: its writer died, and wrote the step again
             continue

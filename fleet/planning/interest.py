@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 from scipy.ndimage import convolve, distance_transform_edt
 
 from fleet.functions.belief import Belief
-from fleet.spec.base import Model, NonNegative
+from fleet.planning.tactics import InterestWeights
 
 Values = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -24,21 +23,17 @@ _FALL = 1.5
 _FAR = 3.0
 
 
-class InterestWeights(Model):
-    """Weights of the features of a cell that might be captured."""
-
-    doubt: NonNegative = Field(default=1.0, description="Probability that its believed class is wrong.")
-    doubt_around: NonNegative = Field(
-        default=1.0,
-        description="The same of the cells around it, which the capture would tell of; the nearer the more.",
-    )
-    novelty: NonNegative = Field(default=0.3, description="1 - exp(-d / 3), with d cells to the nearest captured one.")
-
-
 def doubts(belief: Belief) -> Values:
     """Probability that the believed class is wrong, float64 [rows, columns]; 0 in captured cells and without data."""
     doubt: Values = 1.0 - np.nan_to_num(belief.class_probabilities().max(axis=0), nan=1.0)
     return np.where(belief.known, 0.0, doubt)
+
+
+def features(belief: Belief) -> Values:
+    """Doubt, doubt around and novelty of every cell, float64 [3, rows, columns]; see `InterestWeights`."""
+    doubt = doubts(belief)
+    around = convolve(doubt, _AROUND, mode="constant")
+    return np.stack((doubt, around, 1.0 - np.exp(-distance_transform_edt(~belief.known) / _FAR)))
 
 
 def interest(belief: Belief, weights: InterestWeights) -> Values:
@@ -46,12 +41,8 @@ def interest(belief: Belief, weights: InterestWeights) -> Values:
     free = belief.free
     if belief.captured < FEW:
         return np.where(free, 0.5, 0.0)
-    doubt = doubts(belief)
-    total = weights.doubt * doubt
-    if weights.doubt_around:
-        total = total + weights.doubt_around * convolve(doubt, _AROUND, mode="constant")
-    if weights.novelty:
-        total = total + weights.novelty * (1.0 - np.exp(-distance_transform_edt(~belief.known) / _FAR))
+    doubt, around, novelty = features(belief)
+    total = weights.doubt * doubt + weights.doubt_around * around + weights.novelty * novelty
     return np.where(free, total, 0.0)
 
 

@@ -13,24 +13,16 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from fleet.contexts.grid import Grid
 from fleet.energy.accounting import EnergyModel
 from fleet.missions.layout import MOVES
 from fleet.planning.kernel import Beam, search
-from fleet.spec.base import Model
+from fleet.planning.tactics import Search
 
 Values = NDArray[np.float64]
 STRAIGHT = 4
 """The first so many of MOVES are straight, and move 2n + 1 is the reverse of move 2n."""
-
-
-class Search(Model):
-    """How far and how wide is looked for paths."""
-
-    horizon: int = Field(default=16, description="Longest path, in moves.", ge=1, le=256)
-    width: int = Field(default=48, description="Paths of each length that are followed further.", ge=1, le=4096)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,8 @@ from fleet.energy.accounting import EnergyModel
 from fleet.errors import ContextError
 from fleet.functions.classes import class_mean, classes, likely_values
 from fleet.planning.stop import Claims
-from fleet.planning.swarm import Swarm, Tactics
+from fleet.planning.swarm import Swarm, scattered
+from fleet.planning.tactics import Tactics
 
 
 def rehearse(environment: Environment, energy: EnergyModel, agents: int, tactics: Tactics, seed: int) -> Claims:
@@ -24,14 +25,17 @@ def rehearse(environment: Environment, energy: EnergyModel, agents: int, tactics
     values = environment.truth.reshape(-1)
     mean = class_mean(environment.truth, environment)
     truth = classes(environment.truth, mean)
-    swarm = Swarm(environment.grid, energy, agents, tactics, seed)
+    swarm = Swarm(environment.grid, energy, scattered(environment.grid, agents, seed), tactics)
     found: list[float] = []
+    spent_j: list[float] = []
 
-    def hold_against_truth() -> None:
+    def hold_against_truth() -> bool:
         map_of_classes = classes(likely_values(swarm.belief.prediction(), mean), mean)
         found.append(float((map_of_classes == truth)[environment.grid.valid].mean()))
+        spent_j.append(swarm.spent_j)
+        return False
 
     swarm.fly(lambda cell: float(values[cell]), watch=hold_against_truth)
     claimed = np.array([claim.accuracy for claim in swarm.claims])
     predictions = np.array([claim.predictions for claim in swarm.claims], dtype=np.int64)
-    return Claims(claimed, np.array(found), predictions, np.array([claim.energy_j for claim in swarm.claims]))
+    return Claims(claimed, np.array(found), predictions, np.array(spent_j))

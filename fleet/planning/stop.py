@@ -11,7 +11,17 @@ from numpy.typing import NDArray
 Values = NDArray[np.float64]
 MARGIN = 0.01
 """What is claimed above the goal however much was captured."""
-_CAUTIONS = np.arange(0.0, 3.01, 0.05)
+CAUTIONS = np.arange(0.0, 3.01, 0.05)
+"""What is tried when a rule is learned."""
+
+
+def usual_caution(goal: float) -> float:
+    """The caution for a goal for those who have no context to learn it from.
+
+    It falls with the goal: early claims rest on few predictions, and a map that is to be 90 % right takes many. The
+    line goes through what four fields taught for 70, 80 and 90 % (`python -m bench.scouting.stops`).
+    """
+    return float(np.clip(7.7 - 8.0 * goal, 0.5, CAUTIONS[-1]))
 
 
 @dataclass(frozen=True)
@@ -33,7 +43,15 @@ class StopRule:
             claimed: Expected accuracy.
             predictions: How many predictions it was calibrated on.
         """
-        return predictions > 0 and claimed - MARGIN - self.caution / predictions**0.5 >= self.goal
+        return predictions > 0 and claimed >= self.needed(predictions)
+
+    def needed(self, predictions: int) -> float:
+        """Expected accuracy with which the mission ends; above 1 when it cannot end yet.
+
+        Args:
+            predictions: How many the claim was calibrated on, at least 1.
+        """
+        return float(self.goal + MARGIN + self.caution / predictions**0.5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,11 +87,11 @@ def learned(missions: Sequence[Claims], goal: float, confidence: float) -> StopR
     """
     if not missions:
         return StopRule(goal)
-    for caution in _CAUTIONS:
+    for caution in CAUTIONS:
         rule = StopRule(goal, float(caution))
         if np.mean([_succeeds(mission, rule) for mission in missions]) >= confidence:
             return rule
-    return StopRule(goal, float(_CAUTIONS[-1]))
+    return StopRule(goal, float(CAUTIONS[-1]))
 
 
 def _succeeds(mission: Claims, rule: StopRule) -> bool:

@@ -1,227 +1,117 @@
-"""A swarm that scouts one field with a common belief.
+"""A simulated mission of a swarm whose agents hear of each other at once.
 
-Every agent takes off in a part of the field of its own, and may then fly anywhere. It looks for the path along which
-captures are most interesting for the energy they take (`interest`, `paths`), flies three moves of it, and looks again,
-with all that every agent has captured by then; cells that others are about to capture are theirs. When no path nearby
-is worth its energy, it goes where most is to be had. All agents land when the stop rule is met, so their flights are
-equally long.
-
-Knowledge passes between agents at once. Events happen in the order of mission time, of equal times in the order of
-agents: a mission is the same however fast it is computed.
+Events happen in the order of mission time, of equal times in the order of agents: a mission is the same however fast it
+is computed, and the same that agents fly which hear of each other through storage.
 """
 
 from __future__ import annotations
 
 import heapq
-import math
-from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
-from pydantic import Field
-from scipy.ndimage import uniform_filter
 
 from fleet.contexts.grid import Grid
 from fleet.energy.accounting import EnergyModel
-from fleet.errors import MissionError
-from fleet.functions.belief import Belief
-from fleet.missions.layout import MOVES
+from fleet.missions.odometer import Odometer
 from fleet.missions.partition import parts
-from fleet.planning.calibration import Calibration, expected_accuracy
-from fleet.planning.interest import InterestWeights, interest
-from fleet.planning.paths import PathFinder, Search
+from fleet.planning.scouting import Ending, Scout, Scouting
 from fleet.planning.stop import StopRule
-from fleet.spec.base import Model, NonNegative
+from fleet.planning.tactics import Tactics
 
-Values = NDArray[np.float64]
 Sense = Callable[[int], float]
 """From a cell with data to the quantity that is captured there; a finite number."""
 
 
-class Tactics(Model):
-    """How a swarm scouts."""
-
-    weights: InterestWeights = Field(default=InterestWeights(), description="What makes a capture interesting.")
-    search: Search = Field(default=Search(), description="How far and how wide is looked for paths.")
-    moves: int = Field(default=3, description="Moves of a path that are flown before the next look.", ge=1)
-    thrift: NonNegative = Field(
-        default=0.7,
-        description="What a path must bring for its energy, as a share of what the better half of the cells would.",
-    )
-
-
-@dataclass(eq=False)
-class Scout:
-    """One agent.
-
-    Args:
-        cell: Where it is.
-        cells, captured: Its flight so far, and which visits captured the cell.
-        plan: Moves that it will fly.
-        fixed: How many of them are flown without another look.
-        last: The last move; -1 for none.
-    """
-
-    cell: int
-    cells: list[int] = field(default_factory=list)
-    captured: list[bool] = field(default_factory=list)
-    plan: deque[int] = field(default_factory=deque)
-    fixed: int = 0
-    last: int = -1
-
-
-@dataclass(frozen=True)
-class Claim:
-    """What the swarm claimed at one moment.
-
-    Args:
-        time_s: Mission time.
-        captured: Cells captured by all.
-        predictions: How many predictions the claim was calibrated on.
-        accuracy: Expected accuracy.
-        energy_j: What all have spent, landings included.
-    """
-
-    time_s: float
-    captured: int
-    predictions: int
-    accuracy: float
-    energy_j: float
-
-
-class Swarm:
-    """A mission of a swarm.
-
-    Args:
-        grid: The field's cells.
-        energy: What moves and captures cost.
-        agents: How many fly.
-        tactics: How.
-        seed: Fixes where the agents take off.
+def scattered(grid: Grid, agents: int, seed: int) -> list[Scout]:
+    """Agents that take off each in a part of the field of its own, somewhere.
 
     Raises:
         MissionError: there are fewer cells with data than agents.
     """
+    generator = np.random.default_rng(seed)
+    return [Scout(int(generator.choice(part))) for part in parts(grid, agents)]
 
-    def __init__(self, grid: Grid, energy: EnergyModel, agents: int, tactics: Tactics, seed: int) -> None:
-        self._grid, self._energy, self._tactics = grid, energy, tactics
-        self.finder = PathFinder(grid, energy, tactics.search)
-        self.belief = Belief(grid)
-        self.calibration = Calibration()
-        self.claims: list[Claim] = []
-        self._spent_j = agents * (energy.take_off() + energy.land()).energy_j
-        generator = np.random.default_rng(seed)
-        self.scouts = [Scout(int(generator.choice(part))) for part in parts(grid, agents)]
 
-    def fly(self, sense: Sense, rule: StopRule | None = None, watch: Callable[[], None] | None = None) -> None:
+@dataclass(eq=False)
+class Trace:
+    """The flight of one agent.
+
+    Args:
+        odometer: What it has done and spent, without landing.
+        cells, captured: Where it was, and which visits captured the cell.
+        own: The cells that it has captured.
+        ending: Why it landed; None in the air.
+        looked: How many cells were captured by all when it looked last.
+    """
+
+    odometer: Odometer
+    cells: list[int] = field(default_factory=list)
+    captured: list[bool] = field(default_factory=list)
+    own: set[int] = field(default_factory=set)
+    ending: Ending | None = None
+    looked: int = 0
+
+
+class Swarm(Scouting):
+    """A mission of a swarm; arguments as of `Scouting`."""
+
+    def __init__(
+        self, grid: Grid, energy: EnergyModel, scouts: Sequence[Scout], tactics: Tactics, rule: StopRule | None = None
+    ) -> None:
+        super().__init__(grid, energy, scouts, tactics, rule)
+        self.traces = [Trace(Odometer(energy)) for _ in self.scouts]
+        self._order: dict[int, int] = {}
+
+    @property
+    def spent_j(self) -> float:
+        """Energy that all agents have spent when they land where they are."""
+        return sum(trace.odometer.energy_j + self.energy.land().energy_j for trace in self.traces)
+
+    @property
+    def captured(self) -> list[int]:
+        """All captured cells in the order of time."""
+        return list(self._order)
+
+    def fly(self, sense: Sense, watch: Callable[[], bool] | None = None) -> None:
         """Fly until the stop rule is met, or until every cell is captured.
 
         Args:
             sense: The sensor.
-            rule: When to stop; without one a claim is made all the same.
-            watch: Called after each claim.
+            watch: Called after each claim; the mission ends there when it says so.
         Raises:
             MissionError: the sensor gave no finite number.
         """
-        watch = watch or (lambda: None)
-        events = [(self._energy.take_off().time_s, index) for index in range(len(self.scouts))]
-        over = False
-        while events and not over:
+        events = [(trace.odometer.time_s, index) for index, trace in enumerate(self.traces)]
+        while events:
             time_s, index = heapq.heappop(events)
-            scout = self.scouts[index]
-            time_s += self._arrive(scout, sense)
-            over = self._is_enough(time_s, rule, watch)
-            if not over:
-                move = self._energy.move(MOVES[self._next(scout)])
-                time_s += move.time_s
-                self._spent_j += move.energy_j
-                heapq.heappush(events, (time_s, index))
-        for _, index in sorted(events):  # those in the air finish their move, and land
-            self._arrive(self.scouts[index], sense)
+            scout, trace = self.scouts[index], self.traces[index]
+            self._arrive(scout, trace, sense)
+            if self.is_due(scout):
+                trace.looked = len(self._order)
+                trace.ending = self.look(scout, time_s)
+                if watch is not None and watch():
+                    return
+                if trace.ending is not None:
+                    continue
+                trace.odometer.decide()
+            trace.odometer.move(self.advance(scout))
+            heapq.heappush(events, (trace.odometer.time_s, index))
 
-    def _arrive(self, scout: Scout, sense: Sense) -> float:
-        """Capture the cell that was reached when it is a new one; the time that takes, in s."""
-        fresh = bool(self.belief.free.flat[scout.cell])
-        scout.cells.append(scout.cell)
-        scout.captured.append(fresh)
-        if not fresh:
-            return 0.0
-        value = sense(scout.cell)
-        if not math.isfinite(value):
-            raise MissionError(f"the sensor gave {value} in cell {scout.cell}; the quantity must be a finite number")
-        self.calibration.foresee(self.belief, scout.cell, value)
-        self.belief.observe([scout.cell], [value])
-        capture = self._energy.capture()
-        self._spent_j += capture.energy_j
-        return capture.time_s
+    def _arrive(self, scout: Scout, trace: Trace, sense: Sense) -> None:
+        """Capture the cell that was reached, unless it has no data or the agent knows it."""
+        trace.odometer.arrive()
+        fresh = self._is_new_to(trace, scout.cell)
+        trace.cells.append(scout.cell)
+        trace.captured.append(fresh)
+        if fresh:
+            trace.own.add(scout.cell)
+            self._order.setdefault(scout.cell, len(self._order))
+            trace.odometer.capture()
+            self.take_in(scout.cell, sense(scout.cell))
 
-    def _is_enough(self, time_s: float, rule: StopRule | None, watch: Callable[[], None]) -> bool:
-        """Make a claim now and then, and at the end, and ask the rule."""
-        captured = self.belief.captured
-        complete = captured == self.belief.cells
-        if self.claims and not complete and captured < self.claims[-1].captured + self._tactics.moves:
-            return False
-        accuracy = expected_accuracy(self.belief, self.calibration)
-        claim = Claim(time_s, captured, self.calibration.count, accuracy, self._spent_j)
-        self.claims.append(claim)
-        watch()
-        return complete or (rule is not None and rule.is_met(claim.accuracy, claim.predictions))
-
-    def _next(self, scout: Scout) -> int:
-        """Choose the next move, and begin it."""
-        if scout.fixed == 0 or not scout.plan:
-            scout.plan = deque(self.choose_path(scout))
-            scout.fixed = max(self._tactics.moves, self._moves_to_new(scout))
-        move = scout.plan.popleft()
-        scout.fixed -= 1
-        scout.last = move
-        scout.cell = self._after(scout.cell, move)
-        return move
-
-    def _moves_to_new(self, scout: Scout) -> int:
-        """Moves of the plan up to its first cell that is not captured: an agent that looked again before it could fly
-        to and fro for ever."""
-        fresh = self.belief.free.flat[self._ahead(scout)[1:]]
-        return int(np.argmax(fresh)) + 1 if fresh.any() else 0
-
-    def choose_path(self, scout: Scout) -> tuple[int, ...]:
-        """SA: the moves that an agent will fly from where it is, indices into MOVES; at least one.
-
-        Args:
-            scout: The agent, in a cell that is captured.
-        """
-        wanted = interest(self.belief, self._tactics.weights)
-        for other in self.scouts:
-            if other is not scout:
-                wanted.flat[self._ahead(other)] = 0.0
-        if not wanted.any():
-            wanted = np.where(self.belief.free, 1.0, 0.0)  # others are about to capture all that is left: help them
-        path = self.finder.best(wanted, scout.cell, scout.last, self._rate(wanted))
-        return path or self.finder.towards(scout.cell, self._richest(wanted, scout.cell))
-
-    def _rate(self, wanted: Values) -> float:
-        """Interest that a joule is worth: a share of what moves into the better half of the cells bring."""
-        found = np.sort(wanted[wanted > 0.0])
-        return self._tactics.thrift * float(found[len(found) // 2 :].mean()) / self.finder.mean_move_j
-
-    def _richest(self, wanted: Values, cell: int) -> int:
-        """The cell around which there is most interest for the way there."""
-        row, column = self._grid.position(cell)
-        rows, columns = np.ogrid[: self._grid.rows, : self._grid.columns]
-        way = np.abs(rows - row) + np.abs(columns - column)
-        around = uniform_filter(wanted, 5, mode="constant") / (way + 6.0)
-        here = np.where((wanted > 0.0) & (way > 0), around, -1.0)
-        return int(here.argmax())
-
-    def _ahead(self, scout: Scout) -> list[int]:
-        """The cells that an agent is about to visit."""
-        cells = [scout.cell]
-        for move in scout.plan:
-            cells.append(self._after(cells[-1], move))
-        return cells
-
-    def _after(self, cell: int, move: int) -> int:
-        down, across = self._grid.step(MOVES[move])
-        return cell + down * self._grid.columns + across
+    def _is_new_to(self, trace: Trace, cell: int) -> bool:
+        """Whether an agent has neither captured a cell with data nor heard of it when it looked last."""
+        heard = self._order.get(cell, trace.looked) < trace.looked
+        return bool(self.grid.valid.flat[cell]) and not heard and cell not in trace.own

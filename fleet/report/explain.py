@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import islice
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from pydantic import ValidationError
 
@@ -19,8 +19,12 @@ from fleet.missions.flight import LAND, GroupHistory
 from fleet.missions.layout import MOVES
 from fleet.missions.records import Record, read_log, records_after_gap
 from fleet.report.collect import mission_numbers
-from fleet.runtime.mind import Mind, Thought
+from fleet.runtime.group_mind import GroupMind, GroupThought
+from fleet.runtime.mind import Mind, open_mind
 from fleet.runtime.settings import Settings
+
+if TYPE_CHECKING:
+    from fleet.report.explain_scout import ScoutExplanation
 
 Read = TypeVar("Read")
 
@@ -110,13 +114,32 @@ class FlownLog:
         """Whether the log goes up to the landing."""
         return self.records[-1].move == LAND
 
+    @property
+    def plans(self) -> bool:
+        """Whether the agent planned over the whole field; then `explain_scout` explains it, else `explain`."""
+        return not isinstance(self.mind, GroupMind)
+
     def explain(self, step: int | None = None) -> tuple[Explanation, ...]:
         """One step, or all of them; can be asked once.
 
         Raises:
-            MissionError: the log is not what this run's FleetSpec, seed and models give.
+            MissionError: the log is not what this run's FleetSpec, seed and models give, or the agent planned.
         """
-        lived = (_explanation(self.mind, record, self.mind.relive(record)) for record in self.records)
+        mind = self.mind
+        if not isinstance(mind, GroupMind):
+            raise MissionError("the agent did not fly through state groups")
+        lived = (_explanation(mind, record, mind.relive(record)) for record in self.records)
+        return tuple(lived) if step is None else tuple(islice(lived, step, step + 1))
+
+    def explain_scout(self, step: int | None = None) -> tuple[ScoutExplanation, ...]:
+        """The same of an agent that planned."""
+        from fleet.report.explain_scout import explained  # noqa: PLC0415 - loads scipy and numba
+        from fleet.runtime.scout_mind import ScoutMind  # noqa: PLC0415 - likewise
+
+        mind = self.mind
+        if not isinstance(mind, ScoutMind):
+            raise MissionError("the agent flew through state groups")
+        lived = (explained(mind, record, mind.relive(record)) for record in self.records)
         return tuple(lived) if step is None else tuple(islice(lived, step, step + 1))
 
 
@@ -153,7 +176,7 @@ def open_log(settings: Settings) -> FlownLog:
     order = _opened(f"the plan of mission {number}", lambda: settings.order)
     place = f"the place of mission {number}"
     environment = _opened(place, lambda: wire.decode_environment(wire.load(storage.read(paths.environment(number)))))
-    mind = _opened(f"what {settings.agent} flew mission {number} with", lambda: Mind(settings, environment))
+    mind = _opened(f"what {settings.agent} flew mission {number} with", lambda: open_mind(settings, environment))
     return FlownLog(order.context, records, records_after_gap(data), mind)
 
 
@@ -167,7 +190,7 @@ def _opened(what: str, read: Callable[[], Read]) -> Read:
         raise MissionError(f"{what} cannot be read: {first}; without it no step can be explained") from error
 
 
-def _explanation(mind: Mind, record: Record, thought: Thought) -> Explanation:
+def _explanation(mind: GroupMind, record: Record, thought: GroupThought) -> Explanation:
     layout, agent = mind.flight.layout, mind.flight.agent
     first, last = layout.parts[agent]
     legal = tuple(move for move in range(len(MOVES)) if thought.arrival.legal >> move & 1)
@@ -190,7 +213,7 @@ def _explanation(mind: Mind, record: Record, thought: Thought) -> Explanation:
     )
 
 
-def _group(mind: Mind, history: GroupHistory, number: int) -> GroupState:
+def _group(mind: GroupMind, history: GroupHistory, number: int) -> GroupState:
     return GroupState(
         number=number,
         history=history,
@@ -200,7 +223,7 @@ def _group(mind: Mind, history: GroupHistory, number: int) -> GroupState:
     )
 
 
-def _reason(thought: Thought, in_group: bool) -> Reason:
+def _reason(thought: GroupThought, in_group: bool) -> Reason:
     if thought.choice is not None:
         return Reason.EXPLORATION if thought.choice.explores else Reason.HIGHEST_SCORE
     if thought.decision.move == LAND:

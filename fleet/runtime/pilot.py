@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from fleet.contexts.base import Environment
 from fleet.functions.contract import AgentMetrics
 from fleet.missions.accounting import agent_metrics
-from fleet.missions.flight import LAND, Flight
+from fleet.missions.flight import LAND
+from fleet.missions.odometer import Odometer
 from fleet.missions.records import Record
-from fleet.runtime.mind import Mind, Thought, action_of
-from fleet.runtime.odometer import Odometer
+from fleet.runtime.mind import Thought, action_of, open_mind
 from fleet.runtime.settings import Settings
 
 
@@ -32,7 +32,8 @@ class Pilot:
     def __init__(self, settings: Settings, environment: Environment) -> None:
         self._agent = settings.agent
         self._energy = settings.energy
-        self._mind = Mind(settings, environment)
+        self._mind = open_mind(settings, environment)
+        self._grid = environment.grid
         self.odometer = Odometer(settings.energy)
 
     def replay(self, records: Sequence[Record]) -> None:
@@ -42,12 +43,21 @@ class Pilot:
             MissionError: the log is of another flight than these settings give.
         """
         for record in records:
-            self._account(record.captured, lambda record=record: self._mind.relive(record))  # type: ignore[misc]  # lambda's default
+            self._account(record.captured, lambda _, record=record: self._mind.relive(record))  # type: ignore[misc]  # lambda's default
 
     @property
-    def flight(self) -> Flight:
-        """Where the agent is, and what is behind it."""
-        return self._mind.flight
+    def cell(self) -> int:
+        """Where the agent is."""
+        return self._mind.cell
+
+    @property
+    def landed(self) -> bool:
+        """Whether the flight is over."""
+        return self._mind.landed
+
+    def wants_capture(self) -> bool:
+        """Whether the current state is to be sensed and mapped."""
+        return self._mind.wants_capture()
 
     @property
     def memory(self) -> dict[int, NDArray[np.float64]]:
@@ -57,14 +67,12 @@ class Pilot:
     @property
     def features(self) -> tuple[str, ...]:
         """Features of the SSV that the reward and the models expect."""
-        return self._mind.reward.features
+        return self._mind.features
 
     @property
     def metrics(self) -> AgentMetrics:
         """What the agent has done and spent so far, as if it landed here."""
-        first, last = self.flight.layout.parts[self.flight.agent]
-        explored = self.flight.groups_explored
-        return agent_metrics(self._agent, self.odometer.counts, self._energy, last - first, explored)
+        return agent_metrics(self._agent, self.odometer.counts, self._energy, *self._mind.groups)
 
     def visit(self, ssv: NDArray[np.float64] | None, finished: Callable[[], bool] | None = None) -> Record:
         """Take in the current state's SSV (None when it is not captured), and decide.
@@ -76,9 +84,11 @@ class Pilot:
         Returns:
             The record of this state; it must be durable before its action is carried out.
         """
-        arrived_s, energy_j, thought = self._account(ssv is not None, lambda: self._mind.visit(ssv, finished))
+        arrived_s, energy_j, thought = self._account(
+            ssv is not None, lambda time_s: self._mind.visit(ssv, time_s, finished)
+        )
         decision = thought.decision
-        row, column = self.flight.layout.grid.position(decision.cell)
+        row, column = self._grid.position(decision.cell)
         return Record(
             step=decision.step,
             cell=decision.cell,
@@ -91,9 +101,11 @@ class Pilot:
             action=action_of(decision),
             time_s=arrived_s,
             uav_energy_j=energy_j,
+            plan=thought.plan,
+            heard=thought.heard,
         )
 
-    def _account(self, captures: bool, think: Callable[[], Thought]) -> tuple[float, float, Thought]:
+    def _account(self, captures: bool, think: Callable[[float], Thought]) -> tuple[float, float, Thought]:
         """Count a state; time on arrival in s, energy including the capture in J, and what was thought."""
         odometer = self.odometer
         odometer.arrive()
@@ -101,7 +113,7 @@ class Pilot:
         if captures:
             odometer.capture()
         energy_j = odometer.energy_j
-        thought = think()
+        thought = think(arrived_s)
         if thought.decision.legal:
             odometer.decide()
         if thought.decision.move != LAND:

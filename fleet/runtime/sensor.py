@@ -15,7 +15,7 @@ from fleet.drivers.replay import ReplayDriver
 from fleet.drivers.server import driver_app
 from fleet.errors import ObjectNotFound
 from fleet.functions.http_server import run_server
-from fleet.missions.layout import plan_layout
+from fleet.missions.layout import layout_of
 from fleet.missions.records import read_log
 from fleet.runtime.settings import Settings
 from fleet.spec.platform import ClockMode
@@ -46,7 +46,7 @@ def _open_driver(settings: Settings) -> Driver:
 def _open_replay(settings: Settings) -> ReplayDriver:
     fleet = settings.fleet
     context = load_context(settings.storage, settings.paths.context(settings.order.context))
-    layout = plan_layout(context.environment.grid, fleet.state_space, fleet.agents.resolved)
+    layout = layout_of(context.environment.grid, fleet)
     clock: Clock = SystemClock() if fleet.missions.clock is ClockMode.REAL else ManualClock()
     driver = ReplayDriver(context, layout.starts[settings.agent_index], settings.energy, clock)
     try:

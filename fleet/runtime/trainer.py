@@ -11,6 +11,7 @@ from fleet.functions.clients import open_eval, open_map
 from fleet.learning.lessons import Lessons
 from fleet.learning.model import SAModel
 from fleet.learning.models import load_model
+from fleet.learning.planner import PlannerModel, load_planner
 from fleet.learning.progress import Progress
 from fleet.learning.reward import RewardModel
 from fleet.learning.workbench import Workbench
@@ -18,6 +19,7 @@ from fleet.missions.documents import TrainerReport
 from fleet.runtime.meter import Meter
 from fleet.runtime.settings import Settings
 from fleet.runtime.weighing import weigh
+from fleet.spec.learning import SAKind, SASpec
 from fleet.storage.open import open_storage
 
 _log = logging.getLogger(__name__)
@@ -50,7 +52,7 @@ def prepare(settings: Settings) -> None:
     fleet, storage, paths = settings.fleet, settings.storage, settings.paths
     map_client = open_map(fleet.map, settings.map_url)
     bench = Workbench(fleet, storage, paths, map_client, open_eval(fleet.eval, settings.eval_url))
-    pretrained = read_pretrained(fleet.sa.pretrained) if fleet.sa.pretrained else None
+    pretrained = read_pretrained(fleet.sa) if fleet.sa.pretrained else None
     lessons = Lessons(bench, pretrained, settings.workers, _tell)
     if not storage.exists(paths.reward):
         lessons.shape()
@@ -58,17 +60,19 @@ def prepare(settings: Settings) -> None:
         lessons.train(RewardModel.model_validate_json(storage.read(paths.reward)))
 
 
-def read_pretrained(reference: str) -> SAModel:
+def read_pretrained(sa: SASpec) -> SAModel | PlannerModel:
     """The saved model at a storage address, or at a path from the folder of the functions.
 
     Raises:
-        ModelError: there is none, or it is damaged.
+        ModelError: there is none, or it is damaged or of another kind.
     """
+    reference = sa.pretrained or ""
+    load = load_planner if sa.kind is SAKind.PLANNER else load_model
     try:
         if "://" in reference:
             folder, _, name = reference.rpartition("/")
-            return load_model(open_storage(folder).read(name))
-        return load_model(Path(reference).read_bytes())
+            return load(open_storage(folder).read(name))
+        return load(Path(reference).read_bytes())
     except (OSError, ObjectNotFound) as error:
         raise ModelError(f"sa.pretrained names {reference}, which cannot be read: {error}") from error
 

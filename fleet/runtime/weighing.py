@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from fleet.aggregation.latest import latest_models
 from fleet.aggregation.subsets import subsets_for
 from fleet.errors import MissionError
@@ -12,17 +14,21 @@ from fleet.functions import wire
 from fleet.learning.goals import Objective
 from fleet.learning.model import SAModel
 from fleet.learning.models import load_model
+from fleet.learning.planner import load_planners
 from fleet.learning.reward import RewardModel
+from fleet.missions.accounting import part_cells
 from fleet.missions.documents import MissionEvaluation, MissionOrder, ModelReference, WeightsDocument
-from fleet.missions.layout import Layout, plan_layout
+from fleet.missions.layout import Layout, layout_of
+from fleet.missions.records import Record
 from fleet.randomness import named_seed
 from fleet.runtime.evaluation import read_logs
 from fleet.runtime.settings import Settings
+from fleet.spec.learning import SAKind
 from fleet.usefulness.belief import believed_ssv
 from fleet.usefulness.history import History, Observation
-from fleet.usefulness.loss import Effort, MissionLoss, effort, full_energy_j, part_cells, thorough_costs
+from fleet.usefulness.loss import Effort, MissionLoss, effort, full_energy_j, thorough_costs
 from fleet.usefulness.replay import Replayer
-from fleet.usefulness.weights import propose_weights, usefulness
+from fleet.usefulness.weights import Replay, propose_weights, usefulness
 
 _log = logging.getLogger(__name__)
 
@@ -74,7 +80,7 @@ class _Flown:
         self._evaluation = MissionEvaluation.model_validate_json(storage.read(paths.evaluation(number)))
         environment = wire.decode_environment(wire.load(storage.read(paths.environment(number))))
         fleet = settings.fleet
-        self._layout = plan_layout(environment.grid, fleet.state_space, fleet.agents.resolved)
+        self._layout = layout_of(environment.grid, fleet)
         self._efforts = self._efforts_of(self._layout)
         self._loss = self._loss_of(self._layout)
 
@@ -85,12 +91,14 @@ class _Flown:
             for agent, spent in self._efforts.items()
         ]
 
-    def replayer(self, models: Sequence[ModelReference]) -> Replayer | None:
+    def replayer(self, models: Sequence[ModelReference]) -> Replay | None:
         """Replays the mission with the next mission's models; None when it captured nothing."""
         settings, agents = self._settings, list(self._efforts)
         logs = read_logs(settings.at_mission(self._order.number), agents)
         if not any(record.captured for log in logs.values() for record in log):
             return None
+        if self._plans:
+            return self._planned_replayer(models, logs)
         return Replayer(
             layout=self._layout,
             agents=agents,
@@ -104,7 +112,32 @@ class _Flown:
             efforts=self._efforts,
         )
 
+    @property
+    def _plans(self) -> bool:
+        return self._settings.fleet.sa.kind is SAKind.PLANNER
+
+    def _planned_replayer(self, models: Sequence[ModelReference], logs: Mapping[str, Sequence[Record]]) -> Replay:
+        from fleet.usefulness.planned_replay import PlannedReplayer  # noqa: PLC0415 - numba loads only where it is used
+
+        settings, storage = self._settings, self._settings.storage
+        reward = RewardModel.model_validate_json(storage.read(settings.paths.reward))
+        believed = believed_ssv(self._layout.grid, logs)
+        return PlannedReplayer(
+            layout=self._layout,
+            agents=list(self._efforts),
+            values=np.asarray(believed[:, reward.features.index(reward.of_planner.feature)]),
+            captured=len({record.cell for log in logs.values() for record in log if record.captured}),
+            flown=self._order.weights,
+            before=load_planners(storage, self._order.models),
+            after=load_planners(storage, models),
+            energy=settings.energy,
+            loss=self._loss,
+        )
+
     def _efforts_of(self, layout: Layout) -> dict[str, Effort]:
+        if self._plans:  # a common map: each agent's part in it is that of all
+            whole = self._whole(layout)
+            return {agent.agent: whole for agent in self._evaluation.agents}
         return {
             agent.agent: effort(layout, index, agent.captures, agent.uav_energy_j, self._settings.energy)
             for index, agent in enumerate(self._evaluation.agents)
@@ -112,15 +145,18 @@ class _Flown:
 
     def _loss_of(self, layout: Layout) -> MissionLoss:
         fleet, energy = self._settings.fleet, self._settings.energy
-        indices = range(layout.agents)
-        full_j = sum(full_energy_j(layout, index, energy) for index in indices)
-        cells = sum(part_cells(layout, index) for index in indices)
-        captures = sum(agent.captures for agent in self._evaluation.agents)
-        whole = Effort(min(1.0, captures / cells), self._evaluation.system.uav_energy_j / full_j)
         shaping = fleet.reward_shaping
         objective = Objective(fleet.goals, shaping.minimise, shaping.margin)
         reference = thorough_costs(layout, energy).get(shaping.minimise, 1.0)
-        return MissionLoss(objective, self._evaluation.metrics, whole, reference)
+        return MissionLoss(objective, self._evaluation.metrics, self._whole(layout), reference)
+
+    def _whole(self, layout: Layout) -> Effort:
+        """The effort of all agents together."""
+        indices = range(layout.agents)
+        full_j = sum(full_energy_j(layout, index, self._settings.energy) for index in indices)
+        cells = sum(part_cells(layout, index) for index in indices)
+        captures = sum(agent.captures for agent in self._evaluation.agents)
+        return Effort(min(1.0, captures / cells), self._evaluation.system.uav_energy_j / full_j)
 
 
 def _load(settings: Settings, references: Sequence[ModelReference]) -> Mapping[str, SAModel]:

@@ -85,7 +85,7 @@ class _Loop:
         path = self._settings.paths.log(self._settings.mission, self._settings.agent)
         self._records += _read_log(self._settings, path)
         self._pilot.replay(self._records)
-        while not self._pilot.flight.landed:
+        while not self._pilot.landed:
             record = self._pilot.visit(self._observe(), self._is_finished)
             self._settings.storage.append(path, record.to_line())
             self._records.append(record)
@@ -108,7 +108,7 @@ class _Loop:
         for _ in range(_OUT_OF_STEP_TRIES):
             try:
                 self._say_last_command()
-                if not self._pilot.flight.wants_capture():
+                if not self._pilot.wants_capture():
                     return None
                 return self._sensor.sense(executed=len(self._records) + 1)
             except OutOfStep:  # the sensor role was started again, and took its place from an older log

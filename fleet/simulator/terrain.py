@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import zipfile
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from fleet.contexts.base import Context, Environment
 from fleet.errors import FunctionError, ObjectNotFound
 from fleet.functions.contract import MapClient
-from fleet.missions.layout import Layout, plan_layout
-from fleet.spec.swarm import AgentSpec, StateSpace
+from fleet.missions.layout import Layout
 from fleet.storage.port import Storage
 
 Progress = Callable[[int, int], None]
@@ -41,22 +40,6 @@ class Terrain:
     features: tuple[str, ...]
     ssv: NDArray[np.float64]
     layout: Layout
-
-    @staticmethod
-    def of(
-        context: Context,
-        map_client: MapClient,
-        ssv: NDArray[np.float64],
-        space: StateSpace,
-        agents: Sequence[AgentSpec],
-    ) -> Terrain:
-        """The terrain of a surveyed context.
-
-        Raises:
-            MissionError: the agents do not fit the context.
-        """
-        environment = context.environment
-        return Terrain(environment, map_client.features, ssv, plan_layout(environment.grid, space, agents))
 
 
 def survey(

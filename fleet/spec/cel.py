@@ -153,13 +153,18 @@ RULES: Mapping[str, tuple[CelRule, ...]] = {
         CelRule(
             "self.contexts.exists(c, 'Shaping' in c.use) || "
             "has(self.rewardShaping.weights) && size(self.rewardShaping.weights) > 0 && "
-            "has(self.ha.utilityThreshold) && has(self.ha.visitedThreshold)",
+            "has(self.ha.utilityThreshold) && has(self.ha.visitedThreshold) || "
+            "self.sa.kind == 'Planner'",
             "one of contexts must have Shaping in its use, or rewardShaping.weights, ha.utilityThreshold and "
             "ha.visitedThreshold must all be given",
         ),
         CelRule(
-            "self.contexts.exists(c, 'Training' in c.use) || has(self.sa.pretrained)",
+            "self.contexts.exists(c, 'Training' in c.use) || has(self.sa.pretrained) || self.sa.kind == 'Planner'",
             "one of contexts must have Training in its use, or sa.pretrained must be given",
+        ),
+        CelRule(
+            "self.sa.kind != 'Planner' || self.goals.exists(g, g.metric == 'accuracy' && has(g.atLeast))",
+            "Planner lands when its map is accurate enough: one of goals must be for accuracy, with atLeast",
         ),
         CelRule(
             f"!has(self.aggregation.kind) || self.aggregation.kind != 'Powerset' || {_AGENTS} <= {POWERSET_LIMIT}",

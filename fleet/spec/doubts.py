@@ -49,11 +49,25 @@ def _same_data(fleet: Fleet) -> Iterator[Finding]:
 
 def _deep_models(fleet: Fleet) -> Iterator[Finding]:
     here = (*SPEC, "sa", "kind")
-    if fleet.sa.kind is not SAKind.Q_LEARNING:
+    if fleet.sa.kind in {SAKind.DQN, SAKind.DDPG}:
         yield Finding(here, f"{fleet.sa.kind} needs the extra `deep`", "install it: pip install 'fleet-computer[deep]'")
     if fleet.sa.kind is SAKind.DDPG:
         message = "DDPG is made for continuous actions; here it gives each of the eight moves a score"
         yield Finding(here, message, "QLearning and DQN are made for such moves")
+
+
+def _other_kinds_fields(fleet: Fleet) -> Iterator[Finding]:
+    """What is given, and not looked at by this kind of SA."""
+    planned = fleet.sa.kind is SAKind.PLANNER
+    of_groups = {"utilityThreshold": fleet.ha.utility_threshold, "visitedThreshold": fleet.ha.visited_threshold}
+    of_planner = {"caution": fleet.ha.caution}
+    for name, value in (of_groups if planned else of_planner).items():
+        if value is not None:
+            message = f"{fleet.sa.kind} does not look at {name}"
+            yield Finding((*SPEC, "ha", name), message, "remove it", ((*SPEC, "ha", name), (*SPEC, "sa", "kind")))
+    if fleet.sa.feature is not None and not planned:
+        here = (*SPEC, "sa", "feature")
+        yield Finding(here, f"{fleet.sa.kind} does not look at feature", "remove it", (here, (*SPEC, "sa", "kind")))
 
 
 def _levels(fleet: Fleet) -> Iterator[Finding]:
@@ -118,6 +132,7 @@ DOUBTS: tuple[Callable[[Fleet], Iterator[Finding]], ...] = (
     _answers_seen,
     _same_data,
     _deep_models,
+    _other_kinds_fields,
     _levels,
     _never_happens,
     _percent,

@@ -15,12 +15,22 @@ class SAKind(StrEnum):
     Q_LEARNING = "QLearning"
     DQN = "DQN"
     DDPG = "DDPG"
+    PLANNER = "Planner"
 
 
 class SASpec(Model):
     """State-to-action model: which action in a state."""
 
-    kind: SAKind = Field(default=SAKind.Q_LEARNING, description="Model family; DQN and DDPG need the extra `deep`.")
+    kind: SAKind = Field(
+        default=SAKind.Q_LEARNING,
+        description="QLearning, DQN and DDPG choose moves within state groups (the latter two need the extra `deep`). "
+        "Planner flies anywhere over the field, where captures make its map better; it needs a goal for accuracy.",
+    )
+    feature: MetricName | None = Field(
+        default=None,
+        description="Planner: the feature of the SSV that is mapped. When left out, the one that the context knows the "
+        "truth of, or the first.",
+    )
     pretrained: Uri | None = Field(
         default=None, description="Address of a saved model to start from; blank when left out."
     )
@@ -31,13 +41,27 @@ class SASpec(Model):
 
 
 class HASpec(Model):
-    """History-to-action model: when to leave a state group. Values given here are fixed; others are shaped."""
+    """History-to-action model: when to leave a state group, and with Planner when to land.
+
+    Values given here are fixed; others are shaped.
+    """
 
     utility_threshold: NonNegative | None = Field(
         default=None, description="T_u; found by reward shaping when left out."
     )
     visited_threshold: int | None = Field(
         default=None, description="T_v; found by reward shaping when left out.", ge=0, le=4096
+    )
+    confidence: Fraction = Field(
+        default=0.9,
+        description="Planner: share of the simulated missions over the shaping contexts that must have met every goal "
+        "when they end.",
+    )
+    caution: NonNegative | None = Field(
+        default=None,
+        description="Planner: how much the accuracy that the agents expect of their map must be above the goal after "
+        "one prediction; it falls with the square root of their number. When left out, found on the shaping contexts, "
+        "or what is usual for the goal.",
     )
 
 

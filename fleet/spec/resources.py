@@ -35,6 +35,8 @@ from fleet.spec.platform import (
 )
 from fleet.spec.swarm import Agents, Goal, StateSpace
 
+ACCURACY = "accuracy"
+"""Metric of the built-in parts of Eval(): share of the states whose class is right on the map."""
 MAC_PATTERN = r"^([0-9A-Fa-f]{2}:){5}[0-9A-Fa-f]{2}$"
 _OCTET = r"(25[0-5]|2[0-4][0-9]|1[0-9]{2}|[1-9]?[0-9])"
 IPV4_PATTERN = rf"^({_OCTET}\.){{3}}{_OCTET}$"
@@ -90,6 +92,12 @@ class Fleet(Model):
         """How usefulness becomes a level, with the default for this number of agents."""
         few = len(self.agents.resolved) <= ABSOLUTE_LIMIT
         return self.scheduling.usefulness or (UsefulnessScale.ABSOLUTE if few else UsefulnessScale.RELATIVE)
+
+    @property
+    def accuracy_goal(self) -> float | None:
+        """The accuracy that a mission must reach; None when no goal asks for any."""
+        asked = [goal.at_least for goal in self.goals if goal.metric == ACCURACY and goal.at_least is not None]
+        return asked[0] if asked else None
 
     def contexts_for(self, use: ContextUse) -> tuple[ContextSpec, ...]:
         """The contexts that are for one use, in the order of the FleetSpec."""

@@ -11,10 +11,11 @@ from urllib.parse import urlsplit
 
 from fleet.spec.base import POWERSET_LIMIT, Amounts, Resources, duration_s, quantity_value
 from fleet.spec.findings import Finding, did_you_mean, listed
-from fleet.spec.functions import ContextUse, FunctionSpec
+from fleet.spec.functions import ContextUse, EvalChecks, FunctionSpec
+from fleet.spec.learning import SAKind
 from fleet.spec.platform import STORAGE_ADDRESS, STORAGE_EXAMPLES, AggregationKind
 from fleet.spec.resources import EdgeNode, Fleet, FleetSpec, Mission
-from fleet.spec.swarm import CAPABILITIES, Goal
+from fleet.spec.swarm import CAPABILITIES, CARDINAL, Goal
 from fleet.spec.yaml_text import Path
 
 SPEC: Path = ("spec",)
@@ -76,6 +77,8 @@ def _flown_context(fleet: Fleet) -> Iterator[Finding]:
 
 
 def _contexts_to_learn_from(fleet: Fleet) -> Iterator[Finding]:
+    if fleet.sa.kind is SAKind.PLANNER:  # it can fly without having learned anything
+        return
     here = (*SPEC, "contexts")
     given = (
         (*SPEC, "rewardShaping", "weights"),
@@ -93,6 +96,28 @@ def _contexts_to_learn_from(fleet: Fleet) -> Iterator[Finding]:
         hint = "add `Training` to the use of a context of an earlier mission, or give sa.pretrained"
         reads = (here, (*SPEC, "sa", "pretrained"))
         yield Finding(here, "no context is for Training, so SA cannot be trained", hint, reads)
+
+
+def _planner(fleet: Fleet) -> Iterator[Finding]:
+    """What the planner takes for granted."""
+    if fleet.sa.kind is not SAKind.PLANNER:
+        return
+    kind, goals = (*SPEC, "sa", "kind"), (*SPEC, "goals")
+    if fleet.accuracy_goal is None:
+        hint = "add `{metric: accuracy, atLeast: 0.7}` to goals, or use another kind of SA"
+        yield Finding(goals, "Planner lands when its map is accurate enough, and no goal says so", hint, (kind, goals))
+    for index, agent in enumerate(fleet.agents.resolved):
+        missing = [action for action in CARDINAL if action not in (agent.actions or ())]
+        if missing:
+            here: Path = (*SPEC, "agents")
+            here = (*here, "members", index, "actions") if fleet.agents.members else (*here, "actions")
+            message = f"Planner flies along rows and columns, but {agent.name} may not move {listed(missing, 'or')}"
+            yield Finding(here, message, f"add {listed(missing, 'and')}, or use another kind of SA", (kind, here))
+            return
+    if fleet.eval.checks is EvalChecks.AFTER_GROUP:
+        here = (*SPEC, "eval", "checks")
+        message = f"{EvalChecks.AFTER_GROUP} asks Eval() when a state group is left, and Planner has none"
+        yield Finding(here, message, f"write `checks: {EvalChecks.AT_END}`, or leave it out", (kind, here))
 
 
 def _goals(fleet: Fleet) -> Iterator[Finding]:
@@ -234,6 +259,7 @@ FLEET_RULES: tuple[Callable[[Fleet], Iterator[Finding]], ...] = (
     _capabilities,
     _flown_context,
     _contexts_to_learn_from,
+    _planner,
     _goals,
     _functions,
     _aggregation,

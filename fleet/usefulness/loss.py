@@ -23,11 +23,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fleet.energy.accounting import EnergyModel, FlightCounts
-from fleet.functions.contract import Metrics
+from fleet.energy.accounting import EnergyModel
 from fleet.functions.evaluation import cost_metrics
 from fleet.learning.goals import Objective
-from fleet.missions.accounting import agent_metrics
+from fleet.missions.accounting import part_cells, thorough_metrics
 from fleet.missions.layout import Layout
 from fleet.spec.swarm import Action
 
@@ -69,12 +68,6 @@ def effort(layout: Layout, agent: int, captures: int, uav_energy_j: float, energ
     return Effort(min(1.0, captures / part_cells(layout, agent)), uav_energy_j / full_energy_j(layout, agent, energy))
 
 
-def part_cells(layout: Layout, agent: int) -> int:
-    """How many states with data are in an agent's part."""
-    first, end = layout.parts[agent]
-    return sum(len(group) for group in layout.groups[first:end])
-
-
 def full_energy_j(layout: Layout, agent: int, energy: EnergyModel) -> float:
     """Energy of visiting and capturing every state of an agent's part without a detour."""
     states = energy.move(Action.EAST) + energy.capture()
@@ -83,13 +76,7 @@ def full_energy_j(layout: Layout, agent: int, energy: EnergyModel) -> float:
 
 def thorough_costs(layout: Layout, energy: EnergyModel) -> dict[str, float]:
     """Costs of a mission in which every agent visits and captures its part without a detour, by name of the metric."""
-    flights = []
-    for agent in range(layout.agents):
-        cells = part_cells(layout, agent)
-        moves = tuple(cells if action is Action.EAST else 0 for action in Action)
-        counts = FlightCounts(moves, captures=cells, decisions=cells, steps=cells + 1)
-        flights.append(agent_metrics(f"agent-{agent + 1}", counts, energy, groups=0, explored=0))
-    return cost_metrics(Metrics(tuple(flights)))
+    return cost_metrics(thorough_metrics(layout, [str(agent) for agent in range(layout.agents)], energy))
 
 
 @dataclass(frozen=True)

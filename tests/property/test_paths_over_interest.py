@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from fleet.contexts.grid import Grid
 from fleet.missions.layout import MOVES
-from fleet.planning.paths import STRAIGHT, PathFinder, Search
+from fleet.planning.paths import STRAIGHT, PathFinder
+from fleet.planning.tactics import Search
 from fleet.spec.swarm import Action
 from tests.planning import ENERGY
 

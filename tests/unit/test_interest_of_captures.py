@@ -7,7 +7,8 @@ import pytest
 
 from fleet.contexts.grid import Grid
 from fleet.functions.belief import Belief
-from fleet.planning.interest import FEW, InterestWeights, doubts, interest
+from fleet.planning.interest import FEW, doubts, interest
+from fleet.planning.tactics import InterestWeights
 from tests.planning import SMOOTH, Values, drawn, probabilities_of
 
 DOUBT = InterestWeights(doubt=1.0, doubt_around=0.0, novelty=0.0)

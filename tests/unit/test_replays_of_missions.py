@@ -14,12 +14,13 @@ from fleet.errors import MissionError
 from fleet.learning.goals import Objective
 from fleet.learning.model import Fit, SAModel, Transitions
 from fleet.learning.reward import Normaliser, RewardModel
+from fleet.missions.accounting import part_cells
 from fleet.missions.layout import MOVES, Layout, plan_layout
 from fleet.missions.records import Record
 from fleet.spec.learning import SAKind
 from fleet.spec.swarm import Action, AgentSpec, Goal, Groups, StateSpace
 from fleet.usefulness.belief import believed_ssv
-from fleet.usefulness.loss import Effort, MissionLoss, effort, full_energy_j, part_cells, thorough_costs
+from fleet.usefulness.loss import Effort, MissionLoss, effort, full_energy_j, thorough_costs
 from fleet.usefulness.replay import Replayer, fly_alone
 
 ENERGY = EnergyModel(load_aircraft("spark-survey"), load_edge("laptop-i5"))

@@ -16,16 +16,18 @@ from fleet.functions.classes import class_mean, classes, likely_values
 from fleet.functions.kriging import fit, krige
 from fleet.missions.layout import MOVES
 from fleet.missions.partition import parts, pieces
-from fleet.planning.interest import FEW, InterestWeights
-from fleet.planning.paths import STRAIGHT, Search
+from fleet.planning.interest import FEW
+from fleet.planning.paths import STRAIGHT
 from fleet.planning.rehearsal import rehearse
+from fleet.planning.scouting import Ending, Scout
 from fleet.planning.stop import StopRule
-from fleet.planning.swarm import Scout, Swarm, Tactics
+from fleet.planning.swarm import Swarm, Trace, scattered
+from fleet.planning.tactics import InterestWeights, Search, Tactics
 from tests.planning import ENERGY, Values, drawn, environment
 
 QUICK = Tactics(search=Search(horizon=8, width=12))
-ROUND = 6.0
-"""A move and a capture, in s."""
+LOOK = 3 * 6.0
+"""Three moves and captures, in s: so long an agent flies between two looks, on open ground."""
 
 
 def with_border(truth: Values) -> Values:
@@ -88,15 +90,16 @@ class Bounded(Swarm):
 def flown(
     truth: Values, agents: int, tactics: Tactics = QUICK, seed: int = 0, rule: StopRule | None = None
 ) -> tuple[Bounded, Sensor]:
-    swarm, sensor = Bounded(environment(truth).grid, ENERGY, agents, tactics, seed), Sensor(truth)
-    swarm.fly(sensor, rule)
+    grid, sensor = environment(truth).grid, Sensor(truth)
+    swarm = Bounded(grid, ENERGY, scattered(grid, agents, seed), tactics, rule)
+    swarm.fly(sensor)
     return swarm, sensor
 
 
-def flight_s(grid: Grid, scout: Scout) -> float:
+def flight_s(grid: Grid, trace: Trace) -> float:
     """Time of a flight without its landing, from its cells alone."""
-    total = ENERGY.take_off().time_s + ENERGY.capture().time_s * sum(scout.captured)
-    for here, there in pairwise(scout.cells):
+    total = ENERGY.take_off().time_s + ENERGY.capture().time_s * sum(trace.captured)
+    for here, there in pairwise(trace.cells):
         move = next(move for move in MOVES[:STRAIGHT] if grid.neighbour(here, move) == there)
         total += ENERGY.move(move).time_s
     return total
@@ -104,15 +107,28 @@ def flight_s(grid: Grid, scout: Scout) -> float:
 
 @pytest.mark.parametrize("agents", [1, 3, 8])
 @pytest.mark.parametrize("name", list(FIELDS))
-def test_in_the_end_each_cell_with_data_is_captured_once(name: str, agents: int) -> None:
+def test_in_the_end_each_cell_with_data_is_captured_and_by_no_agent_twice(name: str, agents: int) -> None:
     truth = FIELDS[name]
     swarm, sensor = flown(truth, agents)
-    captured = [
-        cell for scout in swarm.scouts for cell, fresh in zip(scout.cells, scout.captured, strict=True) if fresh
-    ]
-    assert sorted(captured) == np.flatnonzero(np.isfinite(truth)).tolist()
+    own = [[cell for cell, fresh in zip(trace.cells, trace.captured, strict=True) if fresh] for trace in swarm.traces]
+    captured = [cell for cells in own for cell in cells]
+    assert all(len(cells) == len(set(cells)) for cells in own)
+    assert sorted(set(captured)) == sorted(swarm.captured) == np.flatnonzero(np.isfinite(truth)).tolist()
     assert sensor.asked == Counter(captured)
-    assert swarm.belief.captured == swarm.belief.cells == len(captured)
+    assert swarm.belief.captured == swarm.belief.cells == len(set(captured))
+    if agents == 1:
+        assert len(captured) == swarm.belief.cells
+
+
+def test_a_cell_is_captured_twice_only_by_agents_that_had_not_heard_of_each_other() -> None:
+    """Between two looks an agent does not hear: at most as many cells as there are moves between them."""
+    twice = 0
+    for seed in range(6):
+        swarm, sensor = flown(drawn(seed, 12, 14), 4, seed=seed)
+        again = sum(sensor.asked.values()) - swarm.belief.captured
+        assert max(sensor.asked.values()) <= 4
+        twice += again
+    assert 0 < twice < 0.1 * 6 * 12 * 14
 
 
 @pytest.mark.parametrize("agents", [1, 4])
@@ -120,27 +136,29 @@ def test_in_the_end_each_cell_with_data_is_captured_once(name: str, agents: int)
 def test_each_move_is_to_a_neighbour_and_the_last_one_is_that_of_the_plan(agents: int, go: tuple[bool, bool]) -> None:
     truth = with_holes()
     grid = Grid(np.isfinite(truth), 3.0, 2.0, *go)
-    swarm = Swarm(grid, ENERGY, agents, QUICK, 1)
+    swarm = Swarm(grid, ENERGY, scattered(grid, agents, 1), QUICK)
     swarm.fly(Sensor(truth))
-    for scout in swarm.scouts:
-        for here, there in pairwise(scout.cells):
+    for scout, trace in zip(swarm.scouts, swarm.traces, strict=True):
+        for here, there in pairwise(trace.cells):
             assert there in [grid.neighbour(here, move) for move in MOVES[:STRAIGHT]]
-        assert len(scout.cells) == len(scout.captured)
-        assert scout.cell == scout.cells[-1]
-        if len(scout.cells) > 1:
-            assert grid.neighbour(scout.cells[-2], MOVES[scout.last]) == scout.cells[-1]
+        assert len(trace.cells) == len(trace.captured)
+        assert scout.landed
+        assert trace.ending is not None
+        assert scout.cell == trace.cells[-1]
+        if len(trace.cells) > 1:
+            assert grid.neighbour(trace.cells[-2], MOVES[scout.last]) == trace.cells[-1]
 
 
 @pytest.mark.parametrize("agents", [1, 2, 5, 8])
 def test_each_agent_takes_off_in_a_part_of_its_own(agents: int) -> None:
     truth = in_two_pieces()
     grid = environment(truth).grid
-    starts = [scout.cell for scout in Swarm(grid, ENERGY, agents, QUICK, 3).scouts]
+    starts = [scout.cell for scout in Swarm(grid, ENERGY, scattered(grid, agents, 3), QUICK).scouts]
     divided = parts(grid, agents)
     assert [start in part for start, part in zip(starts, divided, strict=True)] == [True] * agents
     assert len(set(starts)) == agents
     swarm, _ = flown(truth, agents, seed=3)
-    assert [scout.cells[0] for scout in swarm.scouts] == starts
+    assert [trace.cells[0] for trace in swarm.traces] == starts
 
 
 def test_a_field_in_two_pieces_is_cut_between_them() -> None:
@@ -155,14 +173,15 @@ def test_agents_that_find_nothing_worth_its_energy_still_get_on() -> None:
     dear = Tactics(moves=1, thrift=50.0, weights=InterestWeights(novelty=0.0), search=Search(horizon=8, width=12))
     for seed in range(20):
         truth = drawn(seed, 10, 12)
-        swarm = Swarm(environment(truth).grid, ENERGY, 5, dear, seed)
+        swarm = Swarm(environment(truth).grid, ENERGY, scattered(environment(truth).grid, 5, seed), dear)
         swarm.fly(truth.item)
         assert swarm.belief.captured == truth.size
-        assert sum(len(scout.cells) for scout in swarm.scouts) < 10 * truth.size
+        assert sum(len(trace.cells) for trace in swarm.traces) < 10 * truth.size
 
 
 def test_a_sensor_that_gives_no_number_is_named() -> None:
-    swarm = Swarm(environment(drawn(1)).grid, ENERGY, 2, QUICK, 0)
+    grid = environment(drawn(1)).grid
+    swarm = Swarm(grid, ENERGY, scattered(grid, 2, 0), QUICK)
     with pytest.raises(MissionError, match="the sensor gave nan in cell"):
         swarm.fly(lambda cell: float("nan"))
 
@@ -170,9 +189,9 @@ def test_a_sensor_that_gives_no_number_is_named() -> None:
 def test_the_same_seed_gives_the_same_flights_and_another_one_others() -> None:
     truth = FIELDS["smooth"]
     one, same, other = (flown(truth, 3, seed=seed)[0] for seed in (5, 5, 6))
-    assert [scout.cells for scout in one.scouts] == [scout.cells for scout in same.scouts]
+    assert [trace.cells for trace in one.traces] == [trace.cells for trace in same.traces]
     assert one.claims == same.claims
-    assert [scout.cells for scout in one.scouts] != [scout.cells for scout in other.scouts]
+    assert [trace.cells for trace in one.traces] != [trace.cells for trace in other.traces]
 
 
 @pytest.mark.parametrize("agents", [1, 2, 8])
@@ -181,13 +200,16 @@ def test_when_a_rule_ends_the_mission_all_flights_are_equally_long(agents: int, 
     truth = drawn(1, 14, 16)
     rule = StopRule(goal, 0.5)
     swarm, _ = flown(truth, agents, rule=rule)
-    last = swarm.claims[-1]
-    assert rule.is_met(last.accuracy, last.predictions)
-    assert not any(rule.is_met(claim.accuracy, claim.predictions) for claim in swarm.claims[:-1])
+    first = next(claim for claim in swarm.claims if rule.is_met(claim.accuracy, claim.predictions))
     assert swarm.belief.captured < swarm.belief.cells
-    times = [flight_s(environment(truth).grid, scout) for scout in swarm.scouts]
-    assert max(times) - min(times) <= ROUND
-    assert min(times) <= last.time_s <= max(times)
+    after = swarm.claims[swarm.claims.index(first) + 1 :]
+    assert len(after) == agents - 1, "each of the others lands at its next look"
+    endings = [trace.ending for trace in swarm.traces]
+    assert Ending.GOAL_CLAIMED in endings
+    assert set(endings) <= {Ending.GOAL_CLAIMED, Ending.ANOTHER_LANDED}
+    times = [flight_s(environment(truth).grid, trace) for trace in swarm.traces]
+    assert max(times) - min(times) <= LOOK
+    assert min(times) <= first.time_s + ENERGY.capture().time_s
 
 
 @pytest.mark.parametrize("agents", [1, 2, 8])
@@ -196,20 +218,41 @@ def test_claims_are_made_in_the_order_of_time_and_at_the_end(name: str, agents: 
     swarm, _ = flown(FIELDS[name], agents)
     times, captured = [claim.time_s for claim in swarm.claims], [claim.captured for claim in swarm.claims]
     assert times == sorted(times)
+    assert captured == sorted(captured)
     assert captured[0] == 1
-    assert all(more - less >= QUICK.moves for less, more in pairwise(captured[:-1]))
     assert captured[-1] == swarm.belief.cells
     assert swarm.claims[-1].accuracy == 1.0
     assert all(0.0 <= claim.accuracy <= 1.0 for claim in swarm.claims)
     assert [claim.predictions for claim in swarm.claims] == [max(0, count - FEW) for count in captured]
-    assert times[-1] <= max(flight_s(environment(FIELDS[name]).grid, scout) for scout in swarm.scouts)
+    assert times[-1] <= max(flight_s(environment(FIELDS[name]).grid, trace) for trace in swarm.traces)
+
+
+def test_claims_are_made_at_looks_and_one_claim_lands_each_agent() -> None:
+    swarm, _ = flown(FIELDS["smooth"], 3)
+    moves = sum(len(trace.cells) - 1 for trace in swarm.traces)
+    assert len(swarm.claims) <= moves / QUICK.moves + 2 * len(swarm.traces)
+    assert sum(trace.odometer.counts.decisions for trace in swarm.traces) == len(swarm.claims) - len(swarm.traces)
 
 
 def test_claims_are_watched_one_by_one() -> None:
     truth, seen = FIELDS["smooth"], []
-    swarm = Swarm(environment(truth).grid, ENERGY, 2, QUICK, 0)
-    swarm.fly(Sensor(truth), watch=lambda: seen.append((len(swarm.claims), swarm.belief.captured)))
+    swarm = Swarm(environment(truth).grid, ENERGY, scattered(environment(truth).grid, 2, 0), QUICK)
+
+    def watch() -> bool:
+        seen.append((len(swarm.claims), swarm.belief.captured))
+        return False
+
+    swarm.fly(Sensor(truth), watch)
     assert seen == [(number + 1, claim.captured) for number, claim in enumerate(swarm.claims)]
+
+
+def test_a_mission_that_is_watched_ends_where_the_watcher_says() -> None:
+    truth = FIELDS["smooth"]
+    grid = environment(truth).grid
+    swarm = Swarm(grid, ENERGY, scattered(grid, 2, 0), QUICK)
+    swarm.fly(Sensor(truth), lambda: len(swarm.claims) == 7)
+    assert len(swarm.claims) == 7
+    assert swarm.belief.captured < swarm.belief.cells
 
 
 @pytest.mark.parametrize(("moves", "thrift"), [(1, 0.0), (1, 0.7), (9, 5.0), (3, 1e6)])
@@ -224,7 +267,7 @@ def test_whatever_the_tactics_the_whole_field_is_captured(moves: int, thrift: fl
 def test_more_agents_than_cells_are_refused(cells: int) -> None:
     grid = environment(drawn(0, 1, cells)).grid
     with pytest.raises(MissionError, match=f"{cells + 1} agents but only {cells} cells with data"):
-        Swarm(grid, ENERGY, cells + 1, QUICK, 0)
+        scattered(grid, cells + 1, 0)
     with pytest.raises(MissionError, match="cells with data"):
         rehearse(environment(drawn(0, 1, cells)), ENERGY, cells + 1, QUICK, 0)
 
@@ -232,7 +275,7 @@ def test_more_agents_than_cells_are_refused(cells: int) -> None:
 @pytest.mark.parametrize("cells", [1, 2, 7])
 def test_there_may_be_an_agent_for_each_cell(cells: int) -> None:
     swarm, _ = flown(drawn(0, 1, cells), cells)
-    assert [sum(scout.captured) for scout in swarm.scouts] == [1] * cells
+    assert [sum(trace.captured) for trace in swarm.traces] == [1] * cells
 
 
 def naive_accuracy(seen: Values, place: Environment) -> float:
@@ -258,16 +301,17 @@ def test_the_truth_of_a_claim_is_that_of_the_map_at_that_moment() -> None:
     """With a covariance that was fitted just then the map is that of kriging from scratch."""
     truth = FIELDS["smooth"]
     place, seen = environment(truth), np.full(truth.shape, np.nan)
-    swarm = Swarm(place.grid, ENERGY, 2, QUICK, 4)
+    swarm = Swarm(place.grid, ENERGY, scattered(place.grid, 2, 4), QUICK)
     fitted: list[float | None] = []
 
     def sense(cell: int) -> float:
         seen.flat[cell] = truth.flat[cell]
         return float(truth.flat[cell])
 
-    def watch() -> None:
+    def watch() -> bool:
         just_then = swarm.belief.variogram == fit(seen, np.isfinite(seen), place.grid)
         fitted.append(naive_accuracy(seen, place) if just_then else None)
+        return False
 
     swarm.fly(sense, watch=watch)
     claimed = rehearse(place, ENERGY, 2, QUICK, 4).truth.tolist()

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from fleet.contexts.base import ContextKind, Environment, Observation
 from fleet.contexts.grid import Grid
 from fleet.functions.clients import open_map
-from fleet.simulator.terrain import Terrain, survey
+from fleet.simulator.terrain import survey
 from fleet.spec.functions import MapSpec
-from fleet.spec.swarm import CARDINAL, AgentSpec, StateSpace
 from fleet.storage.local import LocalStorage
 
 PATH = "default/fleet/mapped/a.npz"
@@ -107,10 +106,3 @@ def test_a_corrupt_cache_is_made_anew(storage: LocalStorage) -> None:
     for data in broken(storage.read(PATH)):
         storage.write(PATH, data)
         np.testing.assert_array_equal(survey(Numbered(), Counting(), storage, PATH), EXPECTED)
-
-
-def test_a_terrain_has_the_layout_of_its_context() -> None:
-    agents = [AgentSpec(name="a", actions=CARDINAL)]
-    terrain = Terrain.of(Numbered(), Counting(), EXPECTED, StateSpace(context="field"), agents)
-    assert [group.tolist() for group in terrain.layout.groups] == [[0, 2, 3, 4]]
-    assert terrain.features == ("a", "b")

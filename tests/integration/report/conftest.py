@@ -34,11 +34,11 @@ from fleet.missions.documents import (
 from fleet.missions.flight import LAND, Flight
 from fleet.missions.history import ThresholdHA
 from fleet.missions.layout import MOVES, Layout, plan_layout
+from fleet.missions.odometer import Odometer
 from fleet.missions.records import Record
 from fleet.randomness import uniform
 from fleet.report.collect import collect
 from fleet.report.write import write_report
-from fleet.runtime.odometer import Odometer
 from fleet.spec.base import Model
 from fleet.spec.resources import FleetSpec
 from fleet.storage.layout import FleetPaths
