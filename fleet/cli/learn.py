@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from fleet.learning.lessons import Lessons
     from fleet.learning.model import SAModel
+    from fleet.learning.planner import PlannerModel
     from fleet.learning.progress import Progress
     from fleet.learning.reward import RewardModel
     from fleet.learning.workbench import Workbench
@@ -91,7 +92,7 @@ class _School:
     """Where shaping and training happen; results go where the roles look for them."""
 
     bench: Workbench
-    pretrained: SAModel | None
+    pretrained: SAModel | PlannerModel | None
     workers: int
 
     def shape(self) -> RewardModel:
@@ -122,7 +123,9 @@ class _School:
 
 def _school(spec: Path, out: Path | None, seed: int | None, workers: int | None, context: Sequence[str]) -> _School:
     from fleet.learning.models import load_model
+    from fleet.learning.planner import load_planner
     from fleet.spec.functions import ContextUse
+    from fleet.spec.learning import SAKind
     from fleet.storage.open import open_storage
 
     fleet_spec = inputs.read_spec(spec)
@@ -141,24 +144,30 @@ def _school(spec: Path, out: Path | None, seed: int | None, workers: int | None,
     document = fleet_spec.model_dump_json(by_alias=True, indent=1, exclude_none=True)
     storage.write(bench.paths.fleet_spec, document.encode())
     pretrained = fleet_spec.spec.sa.pretrained
-    model = load_model(inputs.read_beside(spec, pretrained)) if pretrained else None
+    load = load_planner if fleet_spec.spec.sa.kind is SAKind.PLANNER else load_model
+    model = load(inputs.read_beside(spec, pretrained)) if pretrained else None
     return _School(bench, model, workers or len(os.sched_getaffinity(0)))
 
 
 def _show_reward(reward: RewardModel) -> None:
     from fleet.report.html import shaping_sentence_of
 
-    weights = zip(reward.features, reward.weights, strict=True)
-    rows = [(f"weight of {name}", f"{weight:.3f}") for name, weight in weights]
-    rows += [("utility threshold T_u", f"{reward.utility_threshold:.4g}")]
-    rows += [("visited threshold T_v", str(reward.visited_threshold)), ("loss", f"{reward.loss:.4g}")]
+    if reward.planner is not None:
+        rows = [(f"weight of {name}", f"{weight:.3f}") for name, weight in reward.planner.weights.model_dump().items()]
+        rows += [("mapped", reward.planner.feature), ("caution", f"{reward.planner.caution:.2f}")]
+    else:
+        weights = zip(reward.features, reward.weights, strict=True)
+        rows = [(f"weight of {name}", f"{weight:.3f}") for name, weight in weights]
+        rows += [("utility threshold T_u", f"{reward.utility_threshold:.4g}")]
+        rows += [("visited threshold T_v", str(reward.visited_threshold))]
+    rows += [("loss", f"{reward.loss:.4g}")]
     console.table(("reward", "value"), rows)
     console.say(shaping_sentence_of(reward))
 
 
 def _trained_sentence(last: Progress | None) -> str:
     if last is None:
-        return "SA is the pre-trained model: no context is for training"
+        return "no context is for training: SA is what it was before"
     loss = "unknown" if last.best_loss is None else f"{last.best_loss:.4g}"
     met = "meets every goal" if last.goals_met else "does not meet every goal"
     return f"SA is trained: {last.total} candidates; the best {met} on the training contexts, its loss is {loss}"

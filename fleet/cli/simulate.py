@@ -14,11 +14,13 @@ import typer
 
 from fleet.cli import console, inputs
 from fleet.errors import ObjectNotFound, Problem, SpecError
+from fleet.spec.learning import SAKind
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from fleet.learning.planned_missions import PlannedMission
     from fleet.learning.reward import RewardModel
     from fleet.learning.workbench import Workbench
     from fleet.simulator.batch import Batch
@@ -46,6 +48,18 @@ class Policy:
 
 
 @dataclass(frozen=True)
+class Wanted:
+    """What the user wants to have simulated."""
+
+    spec: FleetSpec
+    missions: int
+    seed: int
+    exploration: float | None
+    storage: str | None
+    model: Path | None
+
+
+@dataclass(frozen=True)
 class Flights:
     """What many missions came to.
 
@@ -65,6 +79,20 @@ class Flights:
     def asked_share(self) -> float:
         """Share of the states in which SA was asked: with a small share, the policy hardly matters."""
         return self.decisions / max(1, self.steps)
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """Missions, and what they were flown with.
+
+    Args:
+        policy: What the agents flew with, for the user.
+        facts: The same in numbers, for machines.
+    """
+
+    policy: str
+    facts: Mapping[str, float]
+    flights: Flights
 
 
 def simulate(  # noqa: PLR0913, PLR0917 - the options of a command
@@ -88,7 +116,7 @@ def simulate(  # noqa: PLR0913, PLR0917 - the options of a command
     """Fly many missions in the simulator and show what Eval() says of them: mean, least and greatest.
 
     Without --storage or --model the agents fly at random within each state group, and leave it after a third of it:
-    what a learned policy has to beat.
+    what a learned policy has to beat. A Planner flies with its defaults then.
 
     Example: [bold]fleet simulate my-swarm/fleetspec.yaml --missions 100[/bold]
     """
@@ -100,15 +128,78 @@ def simulate(  # noqa: PLR0913, PLR0917 - the options of a command
     with console.progress("mapping states") as advance:
         bench = inputs.open_bench(fleet_spec, spec, cache, overrides, advance)
         terrain = bench.terrain(fleet_spec.spec.state_space.context)
-    policy = _policy(fleet_spec, terrain, storage, model)
-    share = policy.exploration if exploration is None else exploration
-    flown_by = Policy(policy.text, policy.table, policy.reward, share)
     chosen_seed = fleet_spec.spec.missions.seed if seed is None else seed
-    flights = _fly(bench, terrain, flown_by, missions, chosen_seed)
+    fly_them = _fly_planner if fleet_spec.spec.sa.kind is SAKind.PLANNER else _fly_groups
+    simulated = fly_them(bench, terrain, Wanted(fleet_spec, missions, chosen_seed, exploration, storage, model))
     if as_json:
-        console.say_json(_document(fleet_spec, flown_by, chosen_seed, flights))
+        console.say_json(_document(fleet_spec, simulated))
     else:
-        _show(fleet_spec, flown_by, flights)
+        _show(fleet_spec, simulated)
+
+
+def _fly_groups(bench: Workbench, terrain: Terrain, wanted: Wanted) -> Simulated:
+    policy = _policy(wanted.spec, terrain, wanted.storage, wanted.model)
+    share = policy.exploration if wanted.exploration is None else wanted.exploration
+    flown_by = Policy(policy.text, policy.table, policy.reward, share)
+    facts = {
+        "exploration": share,
+        "utility_threshold": policy.reward.utility_threshold,
+        "visited_threshold": policy.reward.visited_threshold,
+        "seed": wanted.seed,
+    }
+    return Simulated(policy.text, facts, _fly(bench, terrain, flown_by, wanted.missions, wanted.seed))
+
+
+def _fly_planner(bench: Workbench, terrain: Terrain, wanted: Wanted) -> Simulated:
+    """Agents without a start take off somewhere else in their parts in each mission."""
+    from fleet.learning.planned_missions import evaluated, spent
+    from fleet.planning.scouting import Scout
+    from fleet.planning.swarm import scattered
+    from fleet.randomness import named_seed
+
+    if wanted.exploration is not None:
+        problem = Problem("--exploration", "a Planner makes no random moves", "leave it out")
+        raise SpecError([problem], "the command line")
+    text, mission = _planner(bench, terrain, wanted)
+    names, metrics, spent_s = [agent.name for agent in bench.agents], [], 0.0
+    steps = decisions = 0
+    with console.progress("missions") as advance:
+        for number in range(wanted.missions):
+            scouts = scattered(terrain.environment.grid, len(names), named_seed(wanted.seed, f"simulate/{number}"))
+            starts = zip(scouts, bench.agents, terrain.layout.starts, strict=True)
+            scouts = [scout if agent.start is None else Scout(start) for scout, agent, start in starts]
+            started = time.perf_counter()
+            swarm = mission.fly(terrain, scouts)
+            spent_s += time.perf_counter() - started
+            counts = [trace.odometer.counts for trace in swarm.traces]
+            steps, decisions = steps + sum(c.steps for c in counts), decisions + sum(c.decisions for c in counts)
+            metrics.append(evaluated(bench.evaluator, terrain, swarm.captured, spent(swarm, names)).metrics)
+            advance(number + 1, wanted.missions)
+    facts = {**mission.interest.model_dump(), "caution": mission.planner.caution, "seed": wanted.seed}
+    return Simulated(text, facts, Flights(metrics, steps, decisions, steps / max(spent_s, 1e-9)))
+
+
+def _planner(bench: Workbench, terrain: Terrain, wanted: Wanted) -> tuple[str, PlannedMission]:
+    """What agents that plan fly with, and what that is for the user."""
+    from fleet.learning.planned_missions import PlannedMission
+    from fleet.learning.planner import load_planner
+    from fleet.learning.rehearsals import planner_reward
+    from fleet.learning.reward import RewardModel
+    from fleet.storage.open import open_storage
+
+    planner = planner_reward(wanted.spec.spec, terrain.features, terrain.environment.truth_name)
+    text, data = "Planner, not trained", wanted.model.read_bytes() if wanted.model else b""
+    if wanted.storage is not None:
+        place, paths = open_storage(inputs.as_uri(wanted.storage)), inputs.paths_of(wanted.spec)
+        try:
+            planner = RewardModel.model_validate_json(place.read(paths.reward)).of_planner
+            data = data or place.read(paths.initial_model)
+        except ObjectNotFound as error:
+            hint = "run fleet train SPEC --out DIR first, and name its storage: DIR/storage"
+            raise SpecError([Problem("--storage", str(error), hint)], "the command line") from error
+    if not data:
+        return text, PlannedMission(planner, planner.weights, bench.energy)
+    return "Planner, trained", PlannedMission(planner, load_planner(data, terrain.features).interest, bench.energy)
 
 
 def _policy(spec: FleetSpec, terrain: Terrain, storage: str | None, model: Path | None) -> Policy:
@@ -209,29 +300,29 @@ def _goals_met(spec: FleetSpec, metrics: Sequence[Metrics]) -> int:
     return sum(all(result.met for result in judge(spec.spec.goals, dict(one))) for one in metrics)
 
 
-def _show(spec: FleetSpec, policy: Policy, flights: Flights) -> None:
+def _show(spec: FleetSpec, simulated: Simulated) -> None:
     from fleet.report import measures
 
-    metrics = flights.metrics
-    console.say(f"{len(metrics)} missions over {spec.spec.state_space.context}, policy: {policy.text}")
+    flights, metrics = simulated.flights, simulated.flights.metrics
+    console.say(f"{len(metrics)} missions over {spec.spec.state_space.context}, policy: {simulated.policy}")
     rows = [
         (measures.label(name), *(measures.text(name, row[column]) for column in ("mean", "min", "max")))
         for name, row in _summary(metrics).items()
     ]
     console.table(("metric", "mean", "least", "greatest"), rows)
     console.say(f"all goals met in {_goals_met(spec, metrics)} of {len(metrics)} missions")
-    console.say(f"SA was asked in {flights.asked_share:.1%} of the states; elsewhere HA or the order of groups decided")
+    plans = spec.spec.sa.kind is SAKind.PLANNER
+    elsewhere = "agents went on with their plans" if plans else "HA or the order of groups decided"
+    console.say(f"SA was asked in {flights.asked_share:.1%} of the states; elsewhere {elsewhere}")
     console.say(f"{flights.speed:,.0f} agent steps a second, without Eval()")
 
 
-def _document(spec: FleetSpec, policy: Policy, seed: int, flights: Flights) -> dict[str, object]:
+def _document(spec: FleetSpec, simulated: Simulated) -> dict[str, object]:
+    flights = simulated.flights
     return {
         "context": spec.spec.state_space.context,
-        "policy": policy.text,
-        "exploration": policy.exploration,
-        "utility_threshold": policy.reward.utility_threshold,
-        "visited_threshold": policy.reward.visited_threshold,
-        "seed": seed,
+        "policy": simulated.policy,
+        **simulated.facts,
         "missions": len(flights.metrics),
         "goals_met": _goals_met(spec, flights.metrics),
         "metrics": _summary(flights.metrics),

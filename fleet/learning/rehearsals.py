@@ -11,23 +11,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleet.errors import ModelError, TrainingError
 from fleet.functions.contract import Metrics
 from fleet.learning.goals import Objective
+from fleet.learning.planned_missions import evaluated, spent
 from fleet.learning.practice import Grounds
 from fleet.learning.progress import Progress
 from fleet.learning.reward import Normaliser, PlannerReward, RewardModel
 from fleet.learning.run import Run, objective_of, references
 from fleet.learning.workers import Workers
-from fleet.missions.accounting import agent_metrics, thorough_metrics
+from fleet.missions.accounting import thorough_metrics
 from fleet.planning.stop import CAUTIONS, StopRule, usual_caution
 from fleet.planning.swarm import Swarm, scattered
 from fleet.planning.tactics import InterestWeights, Tactics
 from fleet.randomness import named_seed
-from fleet.simulator.evaluation import feature_space
-from fleet.simulator.terrain import Terrain
 from fleet.spec.resources import Fleet
 
 STAGE = "Shaping"
@@ -140,20 +138,19 @@ def rehearse(problem: Problem, number: int) -> Rehearsal:
     scouts = scattered(terrain.environment.grid, len(agents), named_seed(problem.seed, f"{number}"))
     most = StopRule(problem.planner.goal, float(CAUTIONS[-1]))
     swarm = Swarm(terrain.environment.grid, energy, scouts, Tactics(weights=problem.planner.weights), most)
-    spent: list[tuple[int, Metrics]] = []
+    moments: list[tuple[int, Metrics]] = []
 
     def watch() -> bool:
-        spent.append((len(swarm.captured), _metrics(swarm, agents)))
+        moments.append((len(swarm.captured), spent(swarm, agents)))
         return False
 
     swarm.fly(lambda cell: float(values[cell]), watch)
     claims = tuple((claim.accuracy, claim.predictions) for claim in swarm.claims)
     rehearsal = Rehearsal(claims, {}, {}, {})
-    moments = {rehearsal.end(StopRule(most.goal, float(caution))) for caution in _cautions(problem.fleet)}
     ends = {}
-    for moment in sorted(moments):
-        count, metrics = spent[moment]
-        ends[moment] = _evaluated(problem.grounds, terrain, swarm.captured[:count], metrics)
+    for moment in sorted({rehearsal.end(StopRule(most.goal, float(caution))) for caution in _cautions(problem.fleet)}):
+        count, metrics = moments[moment]
+        ends[moment] = evaluated(problem.grounds.evaluator, terrain, swarm.captured[:count], metrics).metrics
     loss = {moment: problem.objective.loss(metrics, reference) for moment, metrics in ends.items()}
     met = {
         moment: all(problem.objective.miss(goal, metrics) == 0.0 for goal in problem.objective.goals)
@@ -168,20 +165,8 @@ def _everything(grounds: Grounds) -> list[Ended]:
     for terrain in grounds.terrains:
         costs = thorough_metrics(terrain.layout, grounds.agents, grounds.energy)
         cells = np.flatnonzero(terrain.environment.grid.valid).tolist()
-        found.append(_evaluated(grounds, terrain, cells, costs))
+        found.append(evaluated(grounds.evaluator, terrain, cells, costs).metrics)
     return found
-
-
-def _metrics(swarm: Swarm, agents: Sequence[str]) -> Metrics:
-    """What the agents would have spent if they had landed now."""
-    pairs = zip(agents, swarm.traces, strict=True)
-    return Metrics(tuple(agent_metrics(name, one.odometer.counts, swarm.energy, 1, 1) for name, one in pairs))
-
-
-def _evaluated(grounds: Grounds, terrain: Terrain, cells: Sequence[int], metrics: Metrics) -> Ended:
-    captured: NDArray[np.bool_] = np.zeros(terrain.environment.grid.cells, dtype=np.bool_)
-    captured[list(cells)] = True
-    return dict(grounds.evaluator.evaluate(feature_space(terrain, captured), metrics).metrics)
 
 
 def _cautions(fleet: Fleet) -> Sequence[float]:

@@ -10,8 +10,9 @@ import json
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 
-_OF_PLANS = ("plan", "heard")
+_OF_PLANS = ("plan", "heard", "claimed", "predictions")
 """Left out of a line when they are empty, as they are in flights through state groups."""
+_TUPLES = ("ssv", "plan", "heard")
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,8 @@ class Record:
         uav_energy_j: Energy of the aircraft spent up to and including the capture here.
         plan: Moves that are to follow this one, where SA plans.
         heard: How many records of each agent, in the fleet's order, a plan was made with; empty where none was made.
+        claimed: The accuracy that the agent then expected of its map; None where it planned nothing.
+        predictions: How many predictions this was calibrated on.
     """
 
     step: int
@@ -46,6 +49,8 @@ class Record:
     uav_energy_j: float
     plan: tuple[int, ...] = ()
     heard: tuple[int, ...] = ()
+    claimed: float | None = None
+    predictions: int = 0
 
     def to_line(self) -> bytes:
         """The record as a line of JSON, with a line end on both sides so that a torn line before it stays alone."""
@@ -75,6 +80,6 @@ def _parse(lines: Iterable[bytes]) -> Iterable[Record]:
     for line in lines:
         try:
             fields = json.loads(line)
-            yield Record(**{**fields, **{name: tuple(fields.get(name, ())) for name in ("ssv", *_OF_PLANS)}})
+            yield Record(**{**fields, **{name: tuple(fields[name]) for name in _TUPLES if name in fields}})
         except (ValueError, TypeError, KeyError):  # a torn line: its writer died, and wrote the step again
             continue

@@ -29,7 +29,7 @@ from fleet.missions.layout import MOVES
 from fleet.planning.calibration import Calibration, expected_accuracy
 from fleet.planning.interest import interest
 from fleet.planning.paths import PathFinder
-from fleet.planning.stop import StopRule
+from fleet.planning.stop import Claim, StopRule
 from fleet.planning.tactics import InterestWeights, Tactics
 
 Values = NDArray[np.float64]
@@ -41,23 +41,6 @@ class Ending(StrEnum):
     GOAL_CLAIMED = "GoalClaimed"
     ANOTHER_LANDED = "AnotherLanded"
     ALL_CAPTURED = "AllCaptured"
-
-
-@dataclass(frozen=True)
-class Claim:
-    """What an agent claimed of the map at one moment.
-
-    Args:
-        time_s: Mission time.
-        captured: Cells captured by all, as far as the agent has heard.
-        predictions: How many predictions the claim was calibrated on.
-        accuracy: Expected accuracy.
-    """
-
-    time_s: float
-    captured: int
-    predictions: int
-    accuracy: float
 
 
 @dataclass(eq=False)

@@ -15,6 +15,23 @@ CAUTIONS = np.arange(0.0, 3.01, 0.05)
 """What is tried when a rule is learned."""
 
 
+@dataclass(frozen=True)
+class Claim:
+    """What an agent claimed of the map at one moment.
+
+    Args:
+        time_s: Mission time.
+        captured: Cells captured by all, as far as the agent has heard.
+        predictions: How many predictions the claim was calibrated on.
+        accuracy: Expected accuracy.
+    """
+
+    time_s: float
+    captured: int
+    predictions: int
+    accuracy: float
+
+
 def usual_caution(goal: float) -> float:
     """The caution for a goal for those who have no context to learn it from.
 

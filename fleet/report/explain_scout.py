@@ -11,8 +11,8 @@ from fleet.learning.planner import BELIEVED
 from fleet.missions.layout import MOVES
 from fleet.missions.records import Record
 from fleet.planning.interest import FEW, features, interest
-from fleet.planning.scouting import Claim, Ending
-from fleet.planning.stop import StopRule
+from fleet.planning.scouting import Ending
+from fleet.planning.stop import Claim, StopRule
 from fleet.planning.tactics import InterestWeights
 from fleet.runtime.scout_mind import ScoutMind, ScoutThought
 

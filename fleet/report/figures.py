@@ -50,6 +50,22 @@ class Series:
     at_most: float | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class Line:
+    """Points in order; NaN is left out.
+
+    Args:
+        label: For the legend.
+        x, y: Where the points are.
+        dashed: Whether it is a bound, and not something that was measured.
+    """
+
+    label: str
+    x: Sequence[float]
+    y: Sequence[float]
+    dashed: bool = False
+
+
 @dataclass(frozen=True)
 class Cloud:
     """Parameter sets of reward shaping as points.

@@ -17,7 +17,7 @@ from fleet.functions.contract import AgentMetrics
 from fleet.learning.reward import RewardModel
 from fleet.missions.documents import Expense, GoalResult, RetrainingReport
 from fleet.report import measures
-from fleet.report.collect import MissionRun, RunData
+from fleet.report.collect import AgentRun, MissionRun, RunData
 from fleet.report.pictures import Picture
 from fleet.spec.swarm import Goal
 
@@ -102,7 +102,13 @@ def shaping_sentence(run: RunData) -> str:
 def shaping_sentence_of(reward: RewardModel) -> str:
     """Whether the goals were met in simulation, and by how many parameter sets."""
     if not reward.evaluations:
+        if reward.planner is not None:
+            return "Nothing was rehearsed: the caution is given, or what is usual for the goal."
         return "Nothing was shaped: the FleetSpec gives every weight and threshold."
+    if reward.planner is not None:
+        return f"{reward.successes} of {reward.evaluations} rehearsed missions met every goal with this caution" + (
+            "." if reward.goals_met else ", fewer than ha.confidence asks for. Missions may miss their goals."
+        )
     if reward.goals_met:
         found = f"{reward.successes} of {reward.evaluations} parameter sets"
         return f"{found} met every goal on every shaping context in simulation; the one of least cost is used."
@@ -117,6 +123,8 @@ def choices_sentence(mission: MissionRun) -> str:
     choices, moves = sum(run.choices for run in mission.agents), sum(run.moves for run in mission.agents)
     if not moves:
         return ""
+    if any(record.heard for run in mission.agents for record in run.records):
+        return f"SA planned {moves:,} moves in {choices:,} looks at the map."
     text = f"SA chose {choices:,} of {moves:,} moves; HA and the order of the state groups fixed the others."
     return (
         text if choices >= 0.05 * moves else text + " So this mission says next to nothing about SA or its retraining."
@@ -199,14 +207,17 @@ def _agent_row(mission: MissionRun, index: int) -> tuple[str, ...]:
         metrics = run.landing.metrics
         groups = f"{metrics.groups_explored} of {metrics.groups}"
         edge = measures.text("edge_energy_j", metrics.edge_energy_j)
-        ended = "failed" if run.agent in mission.failures else _ended(metrics)
+        ended = "failed" if run.agent in mission.failures else _ended(run, metrics)
     time, energy = measures.duration(metrics.time_s), measures.text("uav_energy_j", metrics.uav_energy_j)
     counts = (f"{metrics.steps:,}", f"{metrics.captures:,}", f"{run.choices:,}")
     return run.agent, *counts, groups, time, energy, edge, ended
 
 
-def _ended(metrics: AgentMetrics) -> str:
+def _ended(run: AgentRun, metrics: AgentMetrics) -> str:
     """Why an agent landed that did not fail: a flight with groups before it ends only when Eval() says so."""
+    last = run.records[-1] if run.records else None
+    if last is not None and last.claimed is not None:
+        return f"landed: {last.claimed:.1%} of the map expected right"
     over = metrics.groups_explored >= metrics.groups
     return "landed: all groups explored" if over else "landed: Eval() said finished"
 
@@ -262,6 +273,15 @@ def _level(reports: Sequence[RetrainingReport]) -> str:
 def _thresholds(run: RunData) -> list[tuple[str, str]]:
     if run.reward is None:
         return []
+    planner = run.reward.planner
+    if planner is not None:
+        return [
+            ("feature that is mapped", planner.feature),
+            *((name.replace("_", " "), f"{value:.2f}") for name, value in planner.weights.model_dump().items()),
+            ("goal for accuracy", measures.text("accuracy", planner.goal)),
+            ("caution", f"{planner.caution:.2f}"),
+            ("loss on the shaping contexts", f"{run.reward.loss:.4g}"),
+        ]
     return [
         ("utility threshold T_u", f"{run.reward.utility_threshold:.4g}"),
         ("visited threshold T_v", str(run.reward.visited_threshold)),

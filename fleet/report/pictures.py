@@ -90,6 +90,44 @@ class _Maps:
         return Picture(f"missions/{self.mission.number:04d}/{name}.png", caption, png)
 
 
+def claims_pictures(run: RunData, mission: MissionRun) -> tuple[Picture, ...]:
+    """What agents that plan expected of their map against what was true, and how well they were calibrated."""
+    if run.reward is None or run.reward.planner is None:
+        return ()
+    from fleet.report.claims import mission_claims  # noqa: PLC0415 - loads scipy and numba
+
+    found = mission_claims(mission, run.reward.planner, run.reward.features)
+    if found is None:
+        return ()
+    claims, folder = found.claims, f"missions/{mission.number:04d}"
+    minutes = (claims.time_s / 60.0).tolist()
+    over_time = [
+        figures.Line("expected by the agents", minutes, (100.0 * claims.claimed).tolist()),
+        figures.Line("needed to land", minutes, (100.0 * claims.needed).tolist(), dashed=True),
+    ]
+    if _any(claims.true):
+        over_time.append(figures.Line("true", minutes, (100.0 * claims.true).tolist()))
+    parts = [("before correction", found.captured), ("corrected", found.calibrated)]
+    if found.unseen is not None:
+        parts.append(("cells never captured", found.unseen))
+    lines = [
+        figures.Line(label, (100.0 * one.probability).tolist(), (100.0 * one.right).tolist()) for label, one in parts
+    ]
+    return (
+        Picture(
+            f"{folder}/accuracy.png",
+            "Accuracy that the agents expected of their map, and what they needed to expect in order to land.",
+            plots.accuracy_over_time(over_time, 100.0 * claims.goal),
+        ),
+        Picture(
+            f"{folder}/calibration.png",
+            "How often a cell's most probable class was right, by its probability: predictions held against captures, "
+            "and the last ones against the truth where that is known.",
+            plots.calibration(lines),
+        ),
+    )
+
+
 def metric_pictures(run: RunData) -> tuple[Picture, ...]:
     """One chart for each metric that at least two missions have a value of."""
     evaluated = [mission.evaluation for mission in run.missions if mission.evaluation]
@@ -167,7 +205,10 @@ def reward_picture(run: RunData) -> Picture | None:
     """Weights of the features in the reward; None before reward shaping has ended."""
     if run.reward is None or not run.reward.features:
         return None
-    png = plots.reward_weights(run.reward.features, run.reward.weights)
+    weights = dict(zip(run.reward.features, run.reward.weights, strict=True))
+    if run.reward.planner is not None:
+        weights = {name.replace("_", " "): one for name, one in run.reward.planner.weights.model_dump().items()}
+    png = plots.reward_weights(list(weights), list(weights.values()))
     return Picture("reward.png", "Weight of each feature in the reward.", png)
 
 

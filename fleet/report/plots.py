@@ -21,7 +21,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from fleet.contexts.grid import Grid
-from fleet.report.figures import VALUES, Cloud, Scale, Series, Track, spread
+from fleet.report.figures import VALUES, Cloud, Line, Scale, Series, Track, spread
 
 TRUTH_BELOW_PATHS = "Greys"
 NO_DATA = "#e4e4e7"
@@ -151,6 +151,41 @@ def trial_cloud(cloud: Cloud) -> bytes:
         axes.set_axisbelow(True)
         figure.legend(loc="outside upper left", ncols=3, frameon=False, handletextpad=0.2)
         return _png(figure)
+
+
+def accuracy_over_time(lines: Sequence[Line], goal: float) -> bytes:
+    """A PNG of accuracies in % over minutes of a mission; the goal is a dotted line."""
+    with mpl.rc_context(_STYLE):
+        figure, axes = _chart("minutes of the mission", "accuracy (%)")
+        for index, line in enumerate(lines):
+            axes.plot(line.x, line.y, "--" if line.dashed else "-", color=AGENTS[index], lw=1.4, label=line.label)
+        axes.axhline(goal, color=INK, lw=1.0, ls=":", label="goal")
+        axes.set_ylim(0, 102)
+        figure.legend(loc="outside upper left", ncols=2, frameon=False, handlelength=1.6, columnspacing=1.2)
+        return _png(figure)
+
+
+def calibration(lines: Sequence[Line]) -> bytes:
+    """A PNG of how often classes were right that were given some probability; the diagonal is perfect."""
+    with mpl.rc_context(_STYLE):
+        figure, axes = _chart("probability that was given (%)", "right (%)")
+        axes.plot([0, 100], [0, 100], color=NO_DATA, lw=1.4, zorder=0)
+        for index, line in enumerate(lines):
+            axes.plot(line.x, line.y, "o-", color=AGENTS[index], lw=1.2, ms=4, label=line.label, clip_on=False)
+        axes.set_xlim(25, 100)
+        axes.set_ylim(0, 102)
+        figure.legend(loc="outside upper left", ncols=2, frameon=False, handlelength=1.6, columnspacing=1.2)
+        return _png(figure)
+
+
+def _chart(x_label: str, y_label: str) -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(4.6, 2.9), layout="constrained")
+    axes = figure.add_subplot()
+    axes.set_xlabel(x_label)
+    axes.set_ylabel(y_label)
+    axes.grid(color=NO_DATA, lw=0.6)
+    axes.set_axisbelow(True)
+    return figure, axes
 
 
 def _map_figure(grid: Grid, legend_rows: int = 0) -> tuple[Figure, Axes, Axes]:

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from fleet.learning.planner import BELIEVED
 from fleet.missions.layout import MOVES
 from fleet.missions.records import Record
-from fleet.planning.scouting import Claim, Ending
+from fleet.planning.scouting import Ending
+from fleet.planning.stop import Claim
 from fleet.report import measures
 from fleet.report.explain_scout import ScoutExplanation
 

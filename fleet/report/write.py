@@ -48,7 +48,10 @@ def _pictures(run: RunData) -> dict[str, tuple[Picture, ...]]:
         "metrics": pictures.metric_pictures(run),
         "models": (models,) if models else (),
         "reward": tuple(reward),
-        **{f"mission {one.number}": pictures.mission_pictures(one) for one in pictures.pictured(run.missions)},
+        **{
+            f"mission {one.number}": (*pictures.mission_pictures(one), *pictures.claims_pictures(run, one))
+            for one in pictures.pictured(run.missions)
+        },
     }
 
 

@@ -17,6 +17,7 @@ from fleet.errors import MissionError
 from fleet.missions.flight import LAND, Decision
 from fleet.missions.layout import MOVES
 from fleet.missions.records import Record
+from fleet.planning.stop import Claim
 from fleet.runtime.settings import Settings
 from fleet.spec.learning import SAKind
 
@@ -29,11 +30,13 @@ class Thought:
         decision: What the agent does.
         plan: Moves that are to follow this one.
         heard: How many records of each agent the plan was made with; empty where none was made.
+        claim: What the agent claimed of its map; None where it did not.
     """
 
     decision: Decision
     plan: tuple[int, ...] = ()
     heard: tuple[int, ...] = ()
+    claim: Claim | None = None
 
 
 class Mind(Protocol):

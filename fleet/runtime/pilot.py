@@ -103,6 +103,8 @@ class Pilot:
             uav_energy_j=energy_j,
             plan=thought.plan,
             heard=thought.heard,
+            claimed=thought.claim.accuracy if thought.claim else None,
+            predictions=thought.claim.predictions if thought.claim else 0,
         )
 
     def _account(self, captures: bool, think: Callable[[float], Thought]) -> tuple[float, float, Thought]:

@@ -17,7 +17,8 @@ from fleet.missions.flight import LAND, Decision
 from fleet.missions.layout import MOVES, layout_of
 from fleet.missions.records import Record
 from fleet.planning.paths import STRAIGHT
-from fleet.planning.scouting import Claim, Ending, Scout, Scouting
+from fleet.planning.scouting import Ending, Scout, Scouting
+from fleet.planning.stop import Claim
 from fleet.planning.tactics import Tactics
 from fleet.runtime.hearing import Hearing, Told
 from fleet.runtime.mind import Thought, check_relived, recorded_ssv
@@ -29,11 +30,9 @@ class ScoutThought(Thought):
     """A decision of an agent that plans, and what it was made from.
 
     Args:
-        claim: What it claimed of its map; None between two looks.
         ending: Why it lands; None when it flies on.
     """
 
-    claim: Claim | None = None
     ending: Ending | None = None
 
 
