@@ -41,7 +41,7 @@ from fleet.spec.functions import ContextUse
 from fleet.spec.resources import Fleet
 from fleet.storage.open import open_storage
 
-EXAMPLE = Path(__file__).resolve().parent.parent / "examples" / "crop-scouting" / "fleetspec.yaml"
+EXAMPLE = Path(__file__).resolve().parent.parent / "examples" / "crop-scouting" / "in-state-groups.yaml"
 WITH_JUMP = ", told losses that jump at the goal"
 OUT = Path(__file__).resolve().parent / "out" / "shaping.json"
 CASES = ("2018-06-01/0.8", "2018-09-16/0.8")

@@ -31,7 +31,7 @@ def fleet_spec(cores: float) -> Manifest:
     Args:
         cores: Of a machine, which is what a sensor may use at most.
     """
-    document: Manifest = yaml.safe_load((EXAMPLE / "fleetspec.yaml").read_text())
+    document: Manifest = yaml.safe_load((EXAMPLE / "in-state-groups.yaml").read_text())
     document["metadata"]["namespace"] = "default"
     document["spec"] |= {
         "missions": {"count": 1},

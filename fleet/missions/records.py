@@ -10,8 +10,8 @@ import json
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 
-_OF_PLANS = ("plan", "heard", "claimed", "predictions")
-"""Left out of a line when they are empty, as they are in flights through state groups."""
+_OF_PLANS = {"plan": (), "heard": (), "claimed": None, "predictions": 0}
+"""Left out of a line when they are so, as they are in flights through state groups."""
 _TUPLES = ("ssv", "plan", "heard")
 
 
@@ -55,8 +55,8 @@ class Record:
     def to_line(self) -> bytes:
         """The record as a line of JSON, with a line end on both sides so that a torn line before it stays alone."""
         fields = asdict(self)
-        for name in _OF_PLANS:
-            if not fields[name]:
+        for name, empty in _OF_PLANS.items():
+            if fields[name] == empty:
                 del fields[name]
         return b"\n" + json.dumps(fields, separators=(",", ":")).encode() + b"\n"
 

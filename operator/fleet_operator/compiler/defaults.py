@@ -26,6 +26,8 @@ SMALLEST_AGGREGATOR = _resources(cpu=("50m", "50m"), memory=("160Mi", "192Mi"))
 
 Never are all requests the limits: such a pod is of another quality of service, which no resize may change.
 """
+SMALLEST_PLANNING_AGGREGATOR = _resources(cpu=("50m", "50m"), memory=("224Mi", "320Mi"))
+"""The same for the model of a Planner, which is learned with the compiled belief: 200 MiB when nothing is compiled."""
 
 PERMANENT_EXIT_CODES = (int(ExitCode.USAGE), int(ExitCode.PERMANENT))
 """The same input fails again, so the Job fails at once."""

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from fleet.spec.base import API_VERSION, Resources
+from fleet.spec.learning import SAKind
 from fleet_operator.compiler import defaults
 from fleet_operator.compiler.containers import Program, container, liveness, readiness, resizable, sidecar
 from fleet_operator.compiler.jobs import Identity, fleet_metadata, job, labels, mission_metadata
@@ -152,7 +153,9 @@ def aggregator_resources(target: Target, terms: AggregatorTerms) -> Manifest:
 
 
 def _aggregator_resources(target: Target, terms: AggregatorTerms) -> Resources:
-    default = defaults.AGGREGATOR if terms.share is None else of_share(terms.share, defaults.SMALLEST_AGGREGATOR)
+    plans = target.fleet.sa.kind is SAKind.PLANNER
+    smallest = defaults.SMALLEST_PLANNING_AGGREGATOR if plans else defaults.SMALLEST_AGGREGATOR
+    default = defaults.AGGREGATOR if terms.share is None else of_share(terms.share, smallest)
     return settled(target.fleet.aggregation.resources, default, "spec.aggregation.resources")
 
 
