@@ -1,9 +1,13 @@
 """Replays of a mission that agents planned together: what it would have cost with other weights over the models.
 
-All fly the last mission again over what its records say of the field, with the same starts, until their map of that
-field is as good as the one with which the last mission's own weights end after as many captures. What counts is the
-energy that this takes, over that of the last mission's weights: what is wrong in the belief is wrong in both. Agents
-share one map, so what is good for one is good for all: every agent's loss is that of the swarm.
+All fly the last mission again over what its records say of the field until their map of that field is as good as the
+one with which the last mission's own weights end after as many captures. What counts is the energy that this takes,
+over that of the last mission's weights: what is wrong in the belief is wrong in both. Agents share one map, so what is
+good for one is good for all: every agent's loss is that of the swarm.
+
+The smallest difference leads to other paths, and with them to a tenth more or less of the energy. So missions are flown
+from several places, and what models differ by is believed only as far as it is more than these flights differ by.
+Source: Efron, Morris 1973, Stein's Estimation Rule and Its Competitors, JASA 68.
 """
 
 from __future__ import annotations
@@ -20,13 +24,15 @@ from fleet.functions.classes import classes, likely_values
 from fleet.learning.planner import BELIEVED, PlannerModel, blended
 from fleet.missions.layout import Layout
 from fleet.planning.scouting import Scout
-from fleet.planning.swarm import Swarm
+from fleet.planning.swarm import Swarm, scattered
 from fleet.planning.tactics import InterestWeights, Tactics
 from fleet.usefulness.history import Weights
 from fleet.usefulness.loss import Effort, MissionLoss
 
 LEVELS = 8
 """Accuracies at which energies are compared, over the second half of the mission: one alone is a matter of luck."""
+REPLAYS = 4
+"""Flights of each candidate: the first from where the mission took off, the others from elsewhere."""
 Values = NDArray[np.float64]
 
 
@@ -55,35 +61,45 @@ class PlannedReplayer:
     after: Mapping[str, PlannerModel]
     energy: EnergyModel
     loss: MissionLoss
-    _known: dict[tuple[float, ...], float] = field(default_factory=dict, init=False)
+    _flights: dict[tuple[float, ...], Values] = field(default_factory=dict, init=False)
 
     def __call__(self, agent: str, candidates: Sequence[Weights]) -> list[float]:
         """The loss with the next models and these weights; the same for every agent."""
-        return [self.loss.of(self._effort(blended(self.after, weights))) for weights in candidates]
-
-    def _effort(self, interest: InterestWeights) -> Effort:
-        """That of the last mission, if all agents had flown with these weights."""
-        key = tuple(getattr(interest, name) for name in BELIEVED)
-        if key not in self._known:
-            accuracies, energies_j = self._last
-            curve = self._fly([interest] * len(self.agents), lambda flown: flown.accuracy[-1] >= accuracies[-1])
-            reached_j = [curve.energy_at(accuracy) for accuracy in accuracies]
-            self._known[key] = float(np.mean(np.array(reached_j) / energies_j))
+        ratios = np.array([self._ratios(blended(self.after, weights)) for weights in candidates])
         whole = self.loss.whole
-        return Effort(whole.captured, whole.energy * self._known[key])
+        return [self.loss.of(Effort(whole.captured, whole.energy * ratio)) for ratio in believed(ratios)]
+
+    def _ratios(self, interest: InterestWeights) -> Values:
+        """Energy of each replay with these weights over that with the last mission's, float64 [REPLAYS]."""
+        key = tuple(getattr(interest, name) for name in BELIEVED)
+        if key not in self._flights:
+            self._flights[key] = np.array([self._ratio(interest, number) for number in range(REPLAYS)])
+        return self._flights[key]
+
+    def _ratio(self, interest: InterestWeights, number: int) -> float:
+        accuracies, energies_j = self._last[number]
+        interests = [interest] * len(self.agents)
+        curve = self._fly(interests, number, lambda flown: flown.accuracy[-1] >= accuracies[-1])
+        return float(np.mean(np.array([curve.energy_at(accuracy) for accuracy in accuracies]) / energies_j))
 
     @cached_property
-    def _last(self) -> tuple[Values, Values]:
-        """Accuracies on the way of the last mission, flown again, and the energy that each of them took."""
+    def _last(self) -> list[tuple[Values, Values]]:
+        """Accuracies on the way of the last mission, flown again, and the energy that each of them took, by replay."""
         interests = [blended(self.before, self.flown[agent]) for agent in self.agents]
-        curve = self._fly(interests, lambda flown: flown.captured[-1] >= self.captured)
-        at = np.linspace(len(curve.accuracy) / 2, len(curve.accuracy) - 1, LEVELS).round().astype(np.int64)
-        accuracies = np.maximum.accumulate(curve.accuracy)[at]
-        return accuracies, np.array([curve.energy_at(accuracy) for accuracy in accuracies])
+        found = []
+        for number in range(REPLAYS):
+            curve = self._fly(interests, number, lambda flown: flown.captured[-1] >= self.captured)
+            at = np.linspace(len(curve.accuracy) / 2, len(curve.accuracy) - 1, LEVELS).round().astype(np.int64)
+            accuracies = np.maximum.accumulate(curve.accuracy)[at]
+            found.append((accuracies, np.array([curve.energy_at(accuracy) for accuracy in accuracies])))
+        return found
 
-    def _fly(self, interests: Sequence[InterestWeights], is_over: Callable[[_Curve], bool]) -> _Curve:
+    def _fly(self, interests: Sequence[InterestWeights], number: int, is_over: Callable[[_Curve], bool]) -> _Curve:
         grid = self.layout.grid
-        scouts = [Scout(start, interest) for start, interest in zip(self.layout.starts, interests, strict=True)]
+        starts = self.layout.starts
+        if number:
+            starts = tuple(scout.cell for scout in scattered(grid, len(self.agents), number))
+        scouts = [Scout(start, interest) for start, interest in zip(starts, interests, strict=True)]
         swarm, curve = Swarm(grid, self.energy, scouts, Tactics()), _Curve()
         mean = float(np.nanmean(self.values))
         true = classes(self.values.reshape(grid.valid.shape), mean)
@@ -97,6 +113,25 @@ class PlannedReplayer:
 
         swarm.fly(lambda cell: float(self.values[cell]), watch)
         return curve
+
+
+def believed(ratios: Values) -> Values:
+    """What several flights say of each candidate, drawn to what they say of all as far as they may only be chance.
+
+    Args:
+        ratios: float64 [candidates, flights].
+
+    Returns:
+        float64 [candidates]: their means m, as c + max(0, 1 - s^2 / v) (m - c), with c the mean of all, v the variance
+        of the means, and s^2 the part of it that flights of one candidate explain.
+    """
+    means = ratios.mean(axis=1)
+    if len(means) < 2:
+        return np.asarray(means)
+    chance = float(ratios.var(axis=1, ddof=1).mean()) / ratios.shape[1]
+    varied = float(means.var(ddof=1))
+    kept = max(0.0, 1.0 - chance / varied) if varied > 0.0 else 0.0
+    return np.asarray(means.mean() + kept * (means - means.mean()))
 
 
 @dataclass(eq=False)
