@@ -168,6 +168,7 @@ def _show_reward(reward: RewardModel) -> None:
 def _trained_sentence(last: Progress | None) -> str:
     if last is None:
         return "no context is for training: SA is what it was before"
-    loss = "unknown" if last.best_loss is None else f"{last.best_loss:.4g}"
+    if last.best_loss is None:
+        return f"SA is trained by {last.total} missions over the training contexts"
     met = "meets every goal" if last.goals_met else "does not meet every goal"
-    return f"SA is trained: {last.total} candidates; the best {met} on the training contexts, its loss is {loss}"
+    return f"SA is trained: {last.total} candidates; the best {met} on the training contexts, its loss is {last.best_loss:.4g}"

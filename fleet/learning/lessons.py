@@ -94,7 +94,7 @@ class Lessons:
         if not isinstance(start, PlannerModel):
             raise ModelError(f"the pre-trained model is of kind {start.kind}, but sa.kind is {SAKind.PLANNER}")
         missions = bench.fleet.training.epochs * bench.fleet.training.periods
-        return train_planner(start, grounds, reward, missions, bench.fleet.missions.seed)
+        return train_planner(start, grounds, reward, missions, self._run(bench.paths.training))
 
     def _normaliser(self) -> Normaliser:
         """Over all that the fleet learns from, else that of the pre-trained SA; what it flies over is not known yet."""

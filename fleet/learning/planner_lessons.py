@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from fleet.contexts.grid import Grid
+from fleet.learning.planned_missions import PlannedMission
 from fleet.learning.planner import Evidence, PlannerModel
 from fleet.learning.practice import Grounds
-from fleet.learning.reward import RewardModel
+from fleet.learning.progress import Progress
+from fleet.learning.reward import PlannerReward, RewardModel
+from fleet.learning.run import Run
+from fleet.learning.workers import Workers
 from fleet.missions.records import Record
 from fleet.planning.gains import gains
-from fleet.planning.swarm import Swarm, scattered
-from fleet.planning.tactics import Tactics
+from fleet.planning.swarm import scattered
 from fleet.randomness import named_seed
+
+STAGE = "Training"
+AT_ONCE = 4
+"""Missions between two words about progress."""
 
 
 def first_planner(reward: RewardModel) -> PlannerModel:
@@ -22,7 +30,7 @@ def first_planner(reward: RewardModel) -> PlannerModel:
     return PlannerModel.blank(reward.features, reward.of_planner.weights)
 
 
-def train_planner(model: PlannerModel, grounds: Grounds, reward: RewardModel, missions: int, seed: int) -> PlannerModel:
+def train_planner(model: PlannerModel, grounds: Grounds, reward: RewardModel, missions: int, run: Run) -> PlannerModel:
     """The first model: it learns what captures brought in simulated missions.
 
     Args:
@@ -30,19 +38,37 @@ def train_planner(model: PlannerModel, grounds: Grounds, reward: RewardModel, mi
         grounds: The training contexts; there may be none.
         reward: What shaping found.
         missions: How many are simulated over each context.
-        seed: Fixes where agents take off.
+        run: Seed and workers; the result does not depend on the latter.
     Raises:
-        MissionError: the reward is none of a Planner.
+        TrainingError: the reward is none of a Planner.
     """
-    planner = reward.of_planner
-    for terrain in grounds.terrains:
-        grid, values = terrain.environment.grid, terrain.ssv[:, terrain.features.index(planner.feature)]
-        for number in range(missions):
-            scouts = scattered(grid, len(grounds.agents), named_seed(seed, f"training/{number}"))
-            swarm = Swarm(grid, grounds.energy, scouts, Tactics(weights=planner.weights), planner.rule)
-            swarm.fly(lambda cell, values=values: float(values[cell]))  # type: ignore[misc]  # lambda's default
-            model = model.updated(Evidence(*gains(grid, swarm.captured, values)))
+    flights = [(terrain, number) for number in range(missions) for terrain in range(len(grounds.terrains))]
+    with Workers(run.workers, Problem(grounds, reward.of_planner, run.seed)) as workers:
+        for done in range(0, len(flights), AT_ONCE):
+            for evidence in workers.map(fly, flights[done : done + AT_ONCE]):
+                model = model.updated(evidence)
+            run.listener(Progress(STAGE, min(done + AT_ONCE, len(flights)), len(flights)))
     return model
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What every mission of training is given; worker processes get a copy."""
+
+    grounds: Grounds
+    planner: PlannerReward
+    seed: int
+
+
+def fly(problem: Problem, item: tuple[int, int]) -> Evidence:
+    """What captures brought in one mission, (its context, its number)."""
+    index, number = item
+    grounds, planner = problem.grounds, problem.planner
+    terrain = grounds.terrains[index]
+    grid, values = terrain.environment.grid, terrain.ssv[:, terrain.features.index(planner.feature)]
+    scouts = scattered(grid, len(grounds.agents), named_seed(problem.seed, f"training/{number}"))
+    swarm = PlannedMission(planner, planner.weights, grounds.energy).fly(terrain, scouts)
+    return Evidence(*gains(grid, swarm.captured, values))
 
 
 def retrain_planner(

@@ -57,7 +57,8 @@ def exponential_weights(last: NDArray[np.float64], losses: NDArray[np.float64]) 
     """The next weights of an agent: less for what lost more, and a share for every model.
 
     w_i <- v_i exp(-eta l_i) / Z with v = (1 - s) w + s / K, s = `SHARED`, K models, and eta = sqrt(ln K / (T V)),
-    V the variance of the losses under v: over T missions the regret to the best model grows as sqrt(T V ln K).
+    V the variance of the losses under v: over T missions the regret to the best model grows as sqrt(T V ln K). When all
+    losses are equal, models that had no weight get the share of one among K.
 
     Args:
         last: Weights of the last mission, float64 [models], sum 1.
@@ -68,11 +69,18 @@ def exponential_weights(last: NDArray[np.float64], losses: NDArray[np.float64]) 
     count = len(last)
     started = (1.0 - SHARED) * last + SHARED / count
     variance = float(started @ (losses - started @ losses) ** 2)
-    if count == 1 or variance < _EQUAL**2:
-        return last
+    if variance < _EQUAL**2:
+        return _entered(last)
     rate = math.sqrt(math.log(count) / (HORIZON * variance))
     grown = started * np.exp(-rate * (losses - losses.min()))
     return np.asarray(grown / grown.sum())
+
+
+def _entered(last: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Nothing tells the models apart: those without a weight get as much as each would have if all were alike."""
+    new = last <= 0.0
+    share = float(new.mean())
+    return np.where(new, 1.0 / len(last), last * (1.0 - share))
 
 
 def best_alone(last: NDArray[np.float64], losses: NDArray[np.float64]) -> NDArray[np.float64]:
