@@ -171,4 +171,5 @@ def _trained_sentence(last: Progress | None) -> str:
     if last.best_loss is None:
         return f"SA is trained by {last.total} missions over the training contexts"
     met = "meets every goal" if last.goals_met else "does not meet every goal"
-    return f"SA is trained: {last.total} candidates; the best {met} on the training contexts, its loss is {last.best_loss:.4g}"
+    loss = f"its loss is {last.best_loss:.4g}"
+    return f"SA is trained: {last.total} candidates; the best {met} on the training contexts, {loss}"

@@ -7,7 +7,7 @@ lines that were written twice.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 
 _OF_PLANS = {"plan": (), "heard": (), "claimed": None, "predictions": 0}
@@ -63,7 +63,7 @@ class Record:
 
 def read_log(data: bytes) -> tuple[Record, ...]:
     """The records of a log in the order of their steps, each step once, up to the first step that is missing."""
-    found = {record.step: record for record in _parse(data.splitlines())}
+    found = {record.step: record for record in records_in(data.splitlines())}
     records: list[Record] = []
     while len(records) in found:
         records.append(found[len(records)])
@@ -72,11 +72,12 @@ def read_log(data: bytes) -> tuple[Record, ...]:
 
 def records_after_gap(data: bytes) -> int:
     """How many steps of a log follow one that is missing; 0 unless the log was damaged after it was written."""
-    steps = {record.step for record in _parse(data.splitlines())}
+    steps = {record.step for record in records_in(data.splitlines())}
     return len(steps) - len(read_log(data))
 
 
-def _parse(lines: Iterable[bytes]) -> Iterable[Record]:
+def records_in(lines: Iterable[bytes]) -> Iterator[Record]:
+    """The records of some lines of a log, as they come; torn lines are left out."""
     for line in lines:
         try:
             fields = json.loads(line)

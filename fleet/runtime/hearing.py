@@ -21,7 +21,7 @@ from fleet.energy.accounting import EnergyModel
 from fleet.errors import MissionError, ObjectNotFound
 from fleet.missions.flight import LAND
 from fleet.missions.layout import MOVES
-from fleet.missions.records import Record, read_log
+from fleet.missions.records import Record, records_in
 from fleet.runtime.settings import Settings
 
 _log = logging.getLogger(__name__)
@@ -168,6 +168,8 @@ class Hearing:
         if end <= other.size:
             return False
         before = len(other.records)
-        other.records += read_log(data)[before:]
+        for record in records_in(data[other.size : end].splitlines()):
+            if record.step == len(other.records):  # a step that was torn is written again, after the torn line
+                other.records.append(record)
         other.size = end
         return len(other.records) > before
