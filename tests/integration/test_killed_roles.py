@@ -28,7 +28,16 @@ PATIENCE_S = 60.0
 def test_a_mission_whose_roles_were_killed_ends_like_one_whose_were_not(
     seed: int, undisturbed: Path, tmp_path: Path
 ) -> None:
-    out = tmp_path / "out"
+    _kill_and_compare(seed, undisturbed, tmp_path / "out")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_so_does_a_mission_whose_agents_plan_together(seed: int, planned: Path, tmp_path: Path) -> None:
+    """An agent that lives again must hear again what it heard, and the other one must wait for it."""
+    _kill_and_compare(seed, planned, tmp_path / "out")
+
+
+def _kill_and_compare(seed: int, undisturbed: Path, out: Path) -> None:
     shutil.copytree(undisturbed / "out", out)
     storage = LocalStorage(out / "storage")
     storage.delete(f"{PATHS.root}/missions")
