@@ -21,7 +21,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
-from scipy.ndimage import uniform_filter
 
 from fleet.contexts.grid import Grid
 from fleet.energy.accounting import EnergyModel
@@ -30,7 +29,8 @@ from fleet.functions.belief import Belief
 from fleet.missions.layout import MOVES
 from fleet.missions.partition import parts
 from fleet.planning.calibration import Calibration, expected_accuracy
-from fleet.planning.interest import InterestWeights, interest
+from fleet.planning.interest import InterestWeights
+from fleet.planning.outlook import Outlook
 from fleet.planning.paths import PathFinder, Search
 from fleet.planning.stop import StopRule
 from fleet.spec.base import Model, NonNegative
@@ -109,11 +109,13 @@ class Swarm:
         self._grid, self._energy, self._tactics = grid, energy, tactics
         self.finder = PathFinder(grid, energy, tactics.search)
         self.belief = Belief(grid)
+        self.outlook = Outlook(self.belief, tactics.search.horizon)
         self.calibration = Calibration()
         self.claims: list[Claim] = []
         self._spent_j = agents * (energy.take_off() + energy.land()).energy_j
         generator = np.random.default_rng(seed)
         self.scouts = [Scout(int(generator.choice(part))) for part in parts(grid, agents)]
+        self._claimed: list[deque[int] | None] = [None] * agents
 
     def fly(self, sense: Sense, rule: StopRule | None = None, watch: Callable[[], None] | None = None) -> None:
         """Fly until the stop rule is met, or until every cell is captured.
@@ -192,28 +194,34 @@ class Swarm:
         Args:
             scout: The agent, in a cell that is captured.
         """
-        wanted = interest(self.belief, self._tactics.weights)
-        for other in self.scouts:
-            if other is not scout:
-                wanted.flat[self._ahead(other)] = 0.0
-        if not wanted.any():
-            wanted = np.where(self.belief.free, 1.0, 0.0)  # others are about to capture all that is left: help them
-        path = self.finder.best(wanted, scout.cell, scout.last, self._rate(wanted))
-        return path or self.finder.towards(scout.cell, self._richest(wanted, scout.cell))
+        self._claim_for_all_but(scout)
+        weights = self._tactics.weights
+        view = self.outlook.view(scout.cell, weights)
+        path = self.finder.best(view.interest, view.cell, scout.last, self._rate(view.typical))
+        if path:
+            return path
+        target = self.outlook.richest(scout.cell, weights)
+        return self._help(scout) if target is None else self.finder.towards(scout.cell, target)
 
-    def _rate(self, wanted: Values) -> float:
+    def _claim_for_all_but(self, scout: Scout) -> None:
+        """What the others are about to capture is theirs. A plan that is the same object as before is the same one."""
+        for index, other in enumerate(self.scouts):
+            if other is scout:
+                self.outlook.claim(index, ())
+                self._claimed[index] = None
+            elif self._claimed[index] is not other.plan:
+                self.outlook.claim(index, self._ahead(other))
+                self._claimed[index] = other.plan
+
+    def _rate(self, typical: float) -> float:
         """Interest that a joule is worth: a share of what moves into the better half of the cells bring."""
-        found = np.sort(wanted[wanted > 0.0])
-        return self._tactics.thrift * float(found[len(found) // 2 :].mean()) / self.finder.mean_move_j
+        return self._tactics.thrift * typical / self.finder.mean_move_j
 
-    def _richest(self, wanted: Values, cell: int) -> int:
-        """The cell around which there is most interest for the way there."""
-        row, column = self._grid.position(cell)
-        rows, columns = np.ogrid[: self._grid.rows, : self._grid.columns]
-        way = np.abs(rows - row) + np.abs(columns - column)
-        around = uniform_filter(wanted, 5, mode="constant") / (way + 6.0)
-        here = np.where((wanted > 0.0) & (way > 0), around, -1.0)
-        return int(here.argmax())
+    def _help(self, scout: Scout) -> tuple[int, ...]:
+        """The way to the nearest free cell, when others are about to capture all that is left."""
+        left = np.argwhere(self.belief.free)
+        way = np.abs(left - self._grid.position(scout.cell)).sum(axis=1)
+        return self.finder.towards(scout.cell, self._grid.cell(*left[int(way.argmin())].tolist()))
 
     def _ahead(self, scout: Scout) -> list[int]:
         """The cells that an agent is about to visit."""
