@@ -159,7 +159,7 @@ def read_qlearning(archive: Archive) -> QLearning:
 
 def _summed(terms: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
     """The sum along an axis, strictly in order: the same bits as by a loop, and faster where there are few terms."""
-    return np.add.accumulate(terms, axis=axis).take(-1, axis=axis)
+    return np.asarray(np.add.accumulate(terms, axis=axis).take(-1, axis=axis))
 
 
 def _batches(count: int, fit: Fit) -> Iterator[NDArray[np.int64]]:
