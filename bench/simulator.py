@@ -4,11 +4,13 @@
 
 An agent-step is one visited state of one agent. The policy is in the loop: the default SA model, a Q-function over the
 SSV, scores every state of the field within the timed call; that is done once for all missions of a batch, as training
-does. Another figure has a new policy for every 16 missions, as the search for model weights has. The last figures are
-of agents in real flight, which score one SSV at a time with each of their models. The field is the corn
+does. Another figure has a new policy for every 16 missions, as the search for model weights has. The field is the corn
 field of examples/crop-scouting (first date), or one made up when it is not there. All fly 4 agents in groups of 3 x 3
 with thresholds that leave about a third of the states out, and 20 % exploration unless said otherwise; PettingZoo's
-peer flies without. Compiling is warm-up and not in any figure; each figure is the best of five runs.
+peer flies without. Where the SSV has belief features (`bench.greedy`), nothing can be scored beforehand: each step
+predicts the free cells beside the agent by kriging, and scores them with weights of the mission's own. The last figures
+are of agents in real flight, which score one SSV at a time with each of their models. Compiling is warm-up and not in
+any figure; each figure is the best of several runs.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.greedy.figures import with_belief
 from bench.measure import Result, seconds
 from fleet.contexts.grid import Grid
 from fleet.contexts.load import load_cube
@@ -171,7 +174,9 @@ def run() -> list[Result]:
     for name, flight in others.items():
         figure = steps_a_second(flight)
         results.append(Result.against(f"simulator, {name} ({where})", figure, UNIT, peers[0], COMMAND))
-    return [*results, *(decision(policies, models) for models in (1, 4, 16))]
+    for share in (0.4, 0.9):
+        results += with_belief(share, COMMAND)
+    return results + [decision(policies, models) for models in (1, 4, 16)]
 
 
 def decision(policies: Policies, models: int) -> Result:
