@@ -19,8 +19,8 @@ START = 6.0
 """Moves that the way to a rich place counts for, however short it is."""
 _SPARSE = 4
 """Of a tile far away the doubt in every fourth cell of every fourth row says how rich it may be."""
-_MOST_DOUBT = 0.76
-"""A little more than the doubt between four classes can be."""
+_MOST_DOUBT, _SOME_DOUBT = 0.76, 0.1
+"""A little more than the doubt between four classes can be; and what it is where it was not asked for."""
 
 
 class Sketch(NamedTuple):
@@ -205,15 +205,16 @@ def _way_to(rect: Any, start: Any) -> Any:
 
 
 @part
-def _estimate(belief: Any, wishes: Any, rect: Any, left_over: Any) -> Any:
-    """About how much doubt there is in a cell of a tile with so many free cells; more than 0 if there are any."""
+def _estimate(belief: Any, wishes: Any, rect: Any, free: Any) -> Any:
+    """About how much doubt there is in a cell of a tile with so many free cells."""
     top, bottom, left, right = rect
     columns, total, count = belief.places.covariance.shape[1], 0.0, 0
     for row in range(top, bottom, _SPARSE):
         for column in range(left, right, _SPARSE):
             total += doubt_of(belief, row * columns + column, wishes.bounds)
-            count += 1
-    return total / count + 0.005 * left_over / ((bottom - top) * (right - left))
+            count += belief.free[row * columns + column]
+    mean = total / count if count > 0 else _SOME_DOUBT
+    return mean * free / ((bottom - top) * (right - left))
 
 
 @part

@@ -14,6 +14,7 @@ from fleet.functions.kriging import Variogram
 from fleet.planning.calibration import Calibration, expected_accuracy
 from fleet.planning.interest import InterestWeights, interest
 from fleet.planning.outlook import WHOLE, Outlook
+from fleet.planning.outlook_kernel import promising
 from tests.planning import CELL_M, Values
 
 WEIGHTS = InterestWeights()
@@ -54,6 +55,55 @@ def test_the_typical_interest_is_about_that_of_the_whole_field(shape: tuple[int,
     assert belief.grid.cells > WHOLE
     found = Outlook(belief, 16).view(0, WEIGHTS).typical
     assert found == pytest.approx(positive[len(positive) // 2 :].mean(), rel=0.15)
+
+
+@pytest.mark.parametrize("horizon", [1, 7, 16])
+def test_within_reach_an_agent_sees_what_there_is_while_cells_are_captured(horizon: int) -> None:
+    belief, truth = flown_over(4, 90, 100, 0.3), smooth(4, 90, 100)
+    outlook, generator = Outlook(belief, horizon), np.random.default_rng(horizon)
+    for cell in [0, 99, 8_999, 8_900, *generator.integers(0, 9_000, 12).tolist()]:
+        row, column = divmod(cell, 100)
+        window = np.s_[max(row - horizon, 0) : row + horizon + 1, max(column - horizon, 0) : column + horizon + 1]
+        seen = outlook.view(cell, WEIGHTS).interest
+        np.testing.assert_allclose(seen, interest(belief, WEIGHTS)[window], rtol=1e-9, atol=1e-12)
+        new = generator.integers(0, 9_000, 40)
+        belief.observe(new, truth.flat[new])
+
+
+def test_what_was_looked_at_before_does_not_matter() -> None:
+    belief, generator = flown_over(7, 140, 150, 0.6), np.random.default_rng(7)
+    used = Outlook(belief, 16)
+    for cell in generator.integers(0, belief.grid.cells, 40).tolist():
+        for other in generator.integers(0, belief.grid.cells, 3).tolist():
+            used.view(other, InterestWeights(doubt=50.0))
+            used.richest(other, InterestWeights(doubt=50.0))
+        fresh = Outlook(belief, 16)
+        assert used.richest(cell, WEIGHTS) == fresh.richest(cell, WEIGHTS)
+        assert np.array_equal(used.view(cell, WEIGHTS).interest, fresh.view(cell, WEIGHTS).interest)
+
+
+def test_each_tile_that_may_be_rich_is_listed_once() -> None:
+    belief = flown_over(5, 150, 170, 0.5)
+    outlook = Outlook(belief, 16)
+    for start in [(0, 0), (149, 169), (80, 80), (130, 3)]:
+        count = promising(belief.state, outlook._sketch, outlook._wishes(WEIGHTS), start)
+        listed = outlook._sketch.listed[:count].tolist()
+        assert 3 < len(listed) == len(set(listed)) <= 16
+        assert (np.diff(outlook._sketch.score[:count]) <= 0.0).all()
+
+
+def test_what_is_left_over_between_the_sampled_cells_of_a_tile_is_not_overlooked() -> None:
+    """One cell is left in each of 49 tiles, all of them where no doubt is asked for."""
+    left = np.zeros((112, 112), dtype=np.bool_)
+    left[6::16, 9::16] = True
+    belief = Belief(Grid(np.ones_like(left), CELL_M, CELL_M), Variogram(60.0, 0.05, 220.0))
+    known = np.flatnonzero(~left)
+    belief.observe(known, smooth(6, 112, 112).flat[known])
+    outlook = Outlook(belief, 16)
+    for cell in np.random.default_rng(1).integers(0, belief.grid.cells, 12).tolist():
+        found, score = outlook.richest(cell, WEIGHTS), richness(belief, cell)
+        assert found is not None
+        assert score.flat[found] >= 0.85 * score.max()
 
 
 @pytest.mark.parametrize("seed", range(6))
