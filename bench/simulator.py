@@ -7,11 +7,15 @@ SSV, scores every state of the field within the timed call; that is done once fo
 does. Another figure has a new policy for every 16 missions, as the search for model weights has. The field is the corn
 field of examples/crop-scouting (first date), or one made up when it is not there. All fly 4 agents in groups of 3 x 3
 with thresholds that leave about a third of the states out, and 20 % exploration unless said otherwise; PettingZoo's
-peer flies without. Compiling is warm-up and not in any figure; each figure is the best of five runs.
+peer flies without. Where the SSV has belief features (`bench.greedy`), nothing can be scored beforehand: each step
+predicts the free cells beside the agent by kriging, and scores them with weights of the mission's own. The last figures
+are of agents in real flight, which score one SSV at a time with each of their models. Compiling is warm-up and not in
+any figure; each figure is the best of several runs.
 """
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -20,11 +24,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.greedy.figures import with_belief
 from bench.measure import Result, seconds
 from fleet.contexts.grid import Grid
 from fleet.contexts.load import load_cube
+from fleet.learning.blend import blend
 from fleet.learning.qlearning import QLearning
 from fleet.learning.reward import Normaliser
+from fleet.missions.flight import Flight
 from fleet.missions.history import ThresholdHA
 from fleet.missions.layout import MOVES, Layout, plan_layout
 from fleet.simulator import reference
@@ -87,10 +94,13 @@ class Policies:
 
     def table(self, seed: int) -> NDArray[np.float64]:
         """The scores of one policy, float64 [cells, moves]."""
-        weights = np.random.default_rng(seed).normal(size=self._blank.weights.shape)
         scores = np.zeros((len(self.field.ssv), len(MOVES)))
-        scores[self._mapped] = replace(self._blank, weights=weights).scores(self.field.ssv[self._mapped])
+        scores[self._mapped] = self.model(seed).scores(self.field.ssv[self._mapped])
         return scores
+
+    def model(self, seed: int) -> QLearning:
+        """A policy."""
+        return replace(self._blank, weights=np.random.default_rng(seed).normal(size=self._blank.weights.shape))
 
     def batch(self, missions: int, policies: int = 1, exploration: float = 0.2) -> Batch:
         """Missions, each run of them with a policy of its own; the policies score the field anew."""
@@ -164,7 +174,42 @@ def run() -> list[Result]:
     for name, flight in others.items():
         figure = steps_a_second(flight)
         results.append(Result.against(f"simulator, {name} ({where})", figure, UNIT, peers[0], COMMAND))
-    return results
+    for share in (0.4, 0.9):
+        results += with_belief(share, COMMAND)
+    return results + [decision(policies, models) for models in (1, 4, 16)]
+
+
+def decision(policies: Policies, models: int) -> Result:
+    """Microseconds in which SA chooses in flight by one SSV: the scores of each model, blended, and the best move."""
+    own = {f"model-{seed}": policies.model(seed) for seed in range(models)}
+    weights = dict.fromkeys(own, 1.0 / models)
+    ssv = policies.field.ssv[np.isfinite(policies.field.ssv).all(axis=1)][:1]
+    flight = Flight(policies.field.layout, 0, ThresholdHA(np.inf, 6))
+    every = (1 << len(MOVES)) - 1
+
+    def chosen() -> int:
+        scores = {key: model.scores(ssv)[0] for key, model in own.items()}
+        return flight.choose(every, blend(scores, weights).tolist()).move
+
+    def plainly_chosen() -> int:
+        scores = [plain_scores(model, ssv[0].tolist()) for model in own.values()]
+        blended = [sum(score[move] for score in scores) / models for move in range(len(MOVES))]
+        return max(range(len(MOVES)), key=lambda move: (blended[move], -move))
+
+    assert chosen() == plainly_chosen()
+    name = f"SA's decision in a state group, {models} model{'s' if models > 1 else ''}"
+    plain = ("plain Python", seconds(plainly_chosen, 200) * 1e6)
+    return Result.against(name, seconds(chosen, 1000) * 1e6, "us", plain, COMMAND)
+
+
+def plain_scores(model: QLearning, ssv: list[float]) -> list[float]:
+    """Q of each move; SSVs of the benchmark are in [0, 1]."""
+    parts = [1.0, *ssv]
+    for centre in model.centres.tolist():
+        distance = sum((value - at) ** 2 for value, at in zip(ssv, centre, strict=True))
+        parts.append(1.0 / (1.0 + distance / model.width**2))
+    length, rows = math.sqrt(sum(part * part for part in parts)), model.weights.tolist()
+    return [sum(part * row[move] for part, row in zip(parts, rows, strict=True)) / length for move in range(len(MOVES))]
 
 
 if __name__ == "__main__":

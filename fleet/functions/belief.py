@@ -12,7 +12,8 @@ cells a step is faster without: `look` and `expect` predict one cell from what i
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,6 +30,9 @@ _MANY = 64
 """So many new cells, if they are more than those before, are not taken in one by one: that may take their square."""
 
 
+_SAMPLED = 4096
+
+
 class BeliefArrays(NamedTuple):
     """State of a belief.
 
@@ -38,7 +42,9 @@ class BeliefArrays(NamedTuple):
         near: Neighbours of each cell, nearest first, as far as there are captured cells, int32 [cells, 8].
         reach: Squared distance to the last of 8 neighbours, infinite with fewer; -1 in captured cells and without
             data, float64 [cells].
+        free: Cells with data that are not captured, bool [cells].
         widest: Largest reach in each tile, float64 [rows / 16, columns / 16].
+        left: Free cells of each tile, int64 [rows / 16, columns / 16].
         values: Values of captured cells, float64 [cells].
         mean: Expected value, float64 [cells]; NaN without data.
         deviation: Standard deviation, float64 [cells]; NaN without data.
@@ -53,7 +59,9 @@ class BeliefArrays(NamedTuple):
     variance: float
     near: Cells
     reach: Values
+    free: Flags
     widest: Values
+    left: NDArray[np.int64]
     values: Values
     mean: Values
     deviation: Values
@@ -73,7 +81,9 @@ def blank(grid: Grid, variogram: Variogram) -> BeliefArrays:
         variance=variogram.variance,
         near=np.full((grid.cells, NEIGHBOURS), -1, dtype=np.int32),
         reach=np.where(valid, np.inf, -1.0),
+        free=valid.copy(),
         widest=np.full(tiles, np.inf),
+        left=_by_tile(np.add, grid.valid.astype(np.int64)),
         values=np.zeros(grid.cells),
         mean=np.where(valid, 0.0, np.nan),
         deviation=np.where(valid, 0.0, np.nan),
@@ -107,14 +117,21 @@ class Belief:
         return self._variogram
 
     @property
+    def grid(self) -> Grid:
+        """Which cells have data, and their size."""
+        return self._grid
+
+    @property
     def captured(self) -> int:
         """Number of captured cells."""
         return int(self.state.captured[0])
 
     @property
     def free(self) -> Flags:
-        """Cells with data that are not captured, bool [rows, columns]."""
-        return np.asarray(self.state.reach >= 0.0).reshape(self._grid.valid.shape)
+        """Cells with data that are not captured, bool [rows, columns]: a view, which follows what is captured."""
+        view = self.state.free.reshape(self._grid.valid.shape)
+        view.flags.writeable = False
+        return view
 
     @property
     def known(self) -> Flags:
@@ -125,6 +142,16 @@ class Belief:
     def class_mean(self) -> float:
         """Mean of the predicted map, which classes refer to; 0 when nothing is known."""
         return float(self.state.total[0]) / self.cells if self.captured else 0.0
+
+    @cached_property
+    def sample(self) -> NDArray[np.int64]:
+        """Cells with data that stand for all of them, ascending: every one of a small field, else 4,096, evenly spread
+        but for chance, which is the same each time."""
+        cells = np.flatnonzero(self._grid.valid)
+        if len(cells) <= _SAMPLED:
+            return cells
+        bounds = np.arange(_SAMPLED + 1) * len(cells) // _SAMPLED
+        return cells[np.random.default_rng(0).integers(bounds[:-1], bounds[1:])]
 
     def observe(self, cells: ArrayLike, values: ArrayLike) -> int:
         """Take captured cells in.
@@ -172,8 +199,7 @@ class Belief:
         """
         if not self.captured:
             return np.full((len(CLASS_THRESHOLDS) + 1, *self._grid.valid.shape), np.nan)
-        of = self.class_mean if mean is None else mean
-        bounds = np.array(sorted(threshold * of for threshold in CLASS_THRESHOLDS))
+        bounds = class_bounds(self.class_mean if mean is None else mean)
         found = np.empty((len(bounds) + 1, self._grid.cells))
         kriging_kernel.class_probabilities(self.state, bounds, found)
         return found.reshape(-1, *self._grid.valid.shape)
@@ -187,35 +213,40 @@ class Belief:
         state.total[0] += (values - state.mean[cells]).sum()
         state.captured[0] += len(cells)
         state.values[cells] = state.mean[cells] = values
-        state.reach[cells], state.deviation[cells] = -1.0, 0.0
-        others = np.flatnonzero(state.reach >= 0.0).astype(np.int32)
-        known, count = grid.valid & (state.reach < 0.0).reshape(grid.valid.shape), min(NEIGHBOURS, self.captured)
+        state.reach[cells], state.deviation[cells], state.free[cells] = -1.0, 0.0, False
+        state.left[:] = _by_tile(np.add, self.free.astype(np.int64))
+        others = np.flatnonzero(state.free).astype(np.int32)
+        known, count = self.known, min(NEIGHBOURS, self.captured)
         state.near[others, :count] = compiled_kriging.nearest(known, others, grid, count) if count else -1
         if count == NEIGHBOURS:
             axes = (axis.astype(np.int64) for axis in state.places[:2])
             down, right = (axis[others] - axis[state.near[others, -1]] for axis in axes)
             state.reach[others] = squared_distance(down, right, state.places.aspect)
-        state.widest[:] = _widest(state.reach.reshape(grid.valid.shape))
+        state.widest[:] = _by_tile(np.maximum, state.reach.reshape(grid.valid.shape))
         state.changed[: len(others)] = others
         return len(others)
 
     def _fit(self) -> int:
         """Fit to all captured cells; all others are to be predicted anew, and their number is returned."""
         shape = self._grid.valid.shape
-        others = self.state.reach >= 0.0
-        known = self._grid.valid & ~others.reshape(shape)
+        known = self.known
         self._variogram = fit(np.where(known, self.state.values.reshape(shape), np.nan), known, self._grid)
         self._fitted_to = self.captured
         self.state = self.state._replace(
             places=places_of(self._grid, self._variogram), variance=self._variogram.variance
         )
-        cells = np.flatnonzero(others)
+        cells = np.flatnonzero(self.state.free)
         self.state.changed[: len(cells)] = cells
         return len(cells)
 
 
-def _widest(reach: Values) -> Values:
-    """Largest reach in each tile, of [rows, columns]."""
+def class_bounds(mean: float) -> Values:
+    """Upper bounds of all classes but the last, ascending, float64 [3]; the mean that they refer to may be negative."""
+    return np.array(sorted(threshold * mean for threshold in CLASS_THRESHOLDS))
+
+
+def _by_tile(total: np.ufunc, of: NDArray[Any]) -> NDArray[Any]:
+    """Sum, or maximum, over each tile, of [rows, columns]."""
     side = kriging_kernel.TILE
-    down, across = (np.arange(0, size, side) for size in reach.shape)
-    return np.asarray(np.maximum.reduceat(np.maximum.reduceat(reach, down, axis=0), across, axis=1))
+    down, across = (np.arange(0, size, side) for size in of.shape)
+    return np.asarray(total.reduceat(total.reduceat(of, down, axis=0), across, axis=1))

@@ -223,6 +223,8 @@ def take_in(belief: Any, cell: Any, value: Any, changed: Any) -> Any:
     belief.mean[cell] = value
     belief.deviation[cell] = 0.0
     belief.reach[cell] = -1.0
+    belief.free[cell] = False
+    belief.left[places.row[cell] // TILE, places.column[cell] // TILE] -= 1
     for row in range(widest.shape[0]):
         down = _beyond(places.row[cell], row)
         for column in range(widest.shape[1]):

@@ -12,13 +12,15 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fleet.functions.belief import Belief
-from fleet.functions.classes import CLASS_THRESHOLDS
+from fleet.functions.belief import Belief, class_bounds
+from fleet.functions.kriging_kernel import class_probabilities
 from fleet.planning.interest import FEW
+from fleet.planning.outlook_kernel import sureness
 
 Values = NDArray[np.float64]
 REMEMBERED = 400
@@ -27,17 +29,39 @@ PRIOR = np.array([0.0, 1.0])
 """Offset and slope that leave a probability as it is."""
 PRECISION = np.array([20.0, 100.0])
 """How many captures the prior weighs as much as, about."""
+_ASKED_OF = 200
 _LEAST, _MOST = 0.02, 0.99
 _ITERATIONS = 12
 
 
+class _Map(NamedTuple):
+    """Mean and deviation of cells, as in a belief, float64 [cells]."""
+
+    mean: Values
+    deviation: Values
+
+
 @dataclass(frozen=True, eq=False)
 class _Foreseen:
-    """What was believed of all cells: probabilities of the classes [classes, cells], their mean, and the captures."""
+    """What was believed of all cells, what the classes referred to, and how many cells were captured."""
 
-    probabilities: Values
-    mean: float
+    map: _Map
+    class_mean: float
     captured: int
+
+    @staticmethod
+    def by(belief: Belief) -> _Foreseen:
+        return _Foreseen(
+            _Map(belief.state.mean.copy(), belief.state.deviation.copy()), belief.class_mean, belief.captured
+        )
+
+    def probabilities(self, cell: int) -> Values:
+        """Of the classes of one cell, float64 [4]."""
+        bounds = class_bounds(self.class_mean)
+        found = np.empty((len(bounds) + 1, 1))
+        here = _Map(self.map.mean[cell : cell + 1], self.map.deviation[cell : cell + 1])
+        class_probabilities(here, bounds, found)
+        return found[:, 0]
 
 
 @dataclass(eq=False)
@@ -48,7 +72,8 @@ class Calibration:
     all cells at once, and what is captured before it is asked again is held against that.
 
     Args:
-        lag: Captures before it is asked again.
+        lag: Captures before it is asked again; when 200 times as many are captured, more, in proportion: asking takes
+            as long as there are cells.
         pairs: Probability of the believed class, and whether it was right, for each capture that counts.
         count: How many predictions were held against captures.
     """
@@ -62,13 +87,12 @@ class Calibration:
         """Hold the belief in a cell against the value that is captured there; before the belief takes it in."""
         if belief.captured < FEW:
             return
-        if self._foreseen is None or belief.captured >= self._foreseen.captured + self.lag:
-            self._foreseen = _Foreseen(
-                belief.class_probabilities().reshape(-1, belief.known.size), belief.class_mean, belief.captured
-            )
-        probabilities, mean = self._foreseen.probabilities[:, cell], self._foreseen.mean
+        lag = max(self.lag, belief.captured // _ASKED_OF)
+        if self._foreseen is None or belief.captured >= self._foreseen.captured + lag:
+            self._foreseen = _Foreseen.by(belief)
+        probabilities = self._foreseen.probabilities(cell)
         believed = int(np.argmax(probabilities))
-        found = sum(value > bound for bound in sorted(share * mean for share in CLASS_THRESHOLDS))
+        found = int(np.count_nonzero(value > class_bounds(self._foreseen.class_mean)))
         self.pairs.append((float(probabilities[believed]), believed == found))
         self.count += 1
 
@@ -106,11 +130,17 @@ def fit(said: Values, right: Values) -> Values:
 
 
 def expected_accuracy(belief: Belief, calibration: Calibration) -> float:
-    """Share of the cells whose class is right on the map as it is now, as far as is known: captured cells are."""
+    """Share of the cells whose class is right on the map as it is now, as far as is known: captured cells are.
+
+    Of a field of more than 4,096 cells some stand for all (`Belief.sample`); where none of these is free any more, what
+    is left, less than a thousandth, counts as wrong.
+    """
     if belief.captured < min(FEW, belief.cells):
         return 0.0
-    probable = belief.class_probabilities().max(axis=0)[belief.free]
-    return (belief.captured + float(calibration.calibrated(probable).sum())) / belief.cells
+    probable = np.empty(len(belief.sample))
+    count = sureness(belief.state, class_bounds(belief.class_mean), belief.sample, probable)
+    share = float(calibration.calibrated(probable[:count]).mean()) if count else 0.0
+    return (belief.captured + (belief.cells - belief.captured) * share) / belief.cells
 
 
 def _logit(probabilities: Values) -> Values:

@@ -18,9 +18,10 @@ Flags = NDArray[np.bool_]
 
 FEW = 12
 """Before so many captures classes mean nothing, and every cell is equally interesting."""
-_REACH = 3
+REACH = 3
+"""Rows and columns to the cells that count as around."""
+FAR = 3.0
 _FALL = 1.5
-_FAR = 3.0
 
 
 def doubts(belief: Belief) -> Values:
@@ -32,12 +33,18 @@ def doubts(belief: Belief) -> Values:
 def features(belief: Belief) -> Values:
     """Doubt, doubt around and novelty of every cell, float64 [3, rows, columns]; see `InterestWeights`."""
     doubt = doubts(belief)
-    around = convolve(doubt, _AROUND, mode="constant")
-    return np.stack((doubt, around, 1.0 - np.exp(-distance_transform_edt(~belief.known) / _FAR)))
+    around = convolve(doubt, AROUND, mode="constant")
+    height, width = belief.grid.cell_height_m, belief.grid.cell_width_m
+    size = (height * width) ** 0.5
+    distance = distance_transform_edt(~belief.known, sampling=(height / size, width / size))
+    return np.stack((doubt, around, 1.0 - np.exp(-distance / FAR)))
 
 
 def interest(belief: Belief, weights: InterestWeights) -> Values:
-    """What each capture adds, float64 [rows, columns]; 0 in captured cells and without data."""
+    """What each capture adds, float64 [rows, columns]; 0 in captured cells and without data.
+
+    The whole field at once; `fleet.planning.outlook` is the fast form for a part of it.
+    """
     free = belief.free
     if belief.captured < FEW:
         return np.where(free, 0.5, 0.0)
@@ -48,10 +55,11 @@ def interest(belief: Belief, weights: InterestWeights) -> Values:
 
 def _around() -> Values:
     """Shares of the cells around in the doubt around a cell, [7, 7]; their sum is 1."""
-    side = np.arange(-_REACH, _REACH + 1)
+    side = np.arange(-REACH, REACH + 1)
     share = np.exp(-np.hypot(side[:, None], side[None, :]) / _FALL)
-    share[_REACH, _REACH] = 0.0
+    share[REACH, REACH] = 0.0
     return np.asarray(share / share.sum())
 
 
-_AROUND = _around()
+AROUND: Values = _around()
+"""Share of each cell around in the doubt around a cell, float64 [7, 7]; 0 in the middle."""

@@ -19,7 +19,6 @@ from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
 
 from fleet.contexts.grid import Grid
 from fleet.energy.accounting import EnergyModel
@@ -27,7 +26,7 @@ from fleet.errors import MissionError
 from fleet.functions.belief import Belief
 from fleet.missions.layout import MOVES
 from fleet.planning.calibration import Calibration, expected_accuracy
-from fleet.planning.interest import interest
+from fleet.planning.outlook import Outlook
 from fleet.planning.paths import PathFinder
 from fleet.planning.stop import Claim, StopRule
 from fleet.planning.tactics import InterestWeights, Tactics
@@ -50,7 +49,7 @@ class Scout:
     Args:
         cell: Where it is.
         weights: What makes a capture interesting to it; that of the tactics when left out.
-        plan: Moves that it will fly.
+        plan: Moves that it will fly; another plan is another object.
         fixed: How many of them are flown without another look.
         last: The last move; -1 for none.
         landed: Whether it is down again.
@@ -81,9 +80,11 @@ class Scouting:
         self.grid, self.energy, self.tactics, self.rule = grid, energy, tactics, rule
         self.finder = PathFinder(grid, energy, tactics.search)
         self.belief = Belief(grid)
+        self.outlook = Outlook(self.belief, tactics.search.horizon)
         self.calibration = Calibration()
         self.claims: list[Claim] = []
         self.scouts = list(scouts)
+        self._claimed: list[deque[int] | None] = [None] * len(self.scouts)
 
     def take_in(self, cell: int, value: float) -> None:
         """What was found in a captured cell; nothing new in a cell that is known.
@@ -147,28 +148,34 @@ class Scouting:
         Args:
             scout: The agent, in a cell that is captured.
         """
-        wanted = interest(self.belief, scout.weights or self.tactics.weights)
-        for other in self.scouts:
-            if other is not scout:
-                wanted.flat[self._ahead(other)] = 0.0
-        if not wanted.any():
-            wanted = np.where(self.belief.free, 1.0, 0.0)  # others are about to capture all that is left: help them
-        path = self.finder.best(wanted, scout.cell, scout.last, self._rate(wanted))
-        return path or self.finder.towards(scout.cell, self._richest(wanted, scout.cell))
+        self._claim_for_all_but(scout)
+        weights = scout.weights or self.tactics.weights
+        view = self.outlook.view(scout.cell, weights)
+        path = self.finder.best(view.interest, view.cell, scout.last, self._rate(view.typical))
+        if path:
+            return path
+        target = self.outlook.richest(scout.cell, weights)
+        return self._help(scout) if target is None else self.finder.towards(scout.cell, target)
 
-    def _rate(self, wanted: Values) -> float:
+    def _claim_for_all_but(self, scout: Scout) -> None:
+        """What the others are about to capture is theirs. A plan that is the same object as before is the same one."""
+        for index, other in enumerate(self.scouts):
+            if other is scout:
+                self.outlook.claim(index, ())
+                self._claimed[index] = None
+            elif self._claimed[index] is not other.plan:
+                self.outlook.claim(index, self._ahead(other))
+                self._claimed[index] = other.plan
+
+    def _rate(self, typical: float) -> float:
         """Interest that a joule is worth: a share of what moves into the better half of the cells bring."""
-        found = np.sort(wanted[wanted > 0.0])
-        return self.tactics.thrift * float(found[len(found) // 2 :].mean()) / self.finder.mean_move_j
+        return self.tactics.thrift * typical / self.finder.mean_move_j
 
-    def _richest(self, wanted: Values, cell: int) -> int:
-        """The cell around which there is most interest for the way there."""
-        row, column = self.grid.position(cell)
-        rows, columns = np.ogrid[: self.grid.rows, : self.grid.columns]
-        way = np.abs(rows - row) + np.abs(columns - column)
-        around = uniform_filter(wanted, 5, mode="constant") / (way + 6.0)
-        here = np.where((wanted > 0.0) & (way > 0), around, -1.0)
-        return int(here.argmax())
+    def _help(self, scout: Scout) -> tuple[int, ...]:
+        """The way to the nearest free cell, when others are about to capture all that is left."""
+        left = np.argwhere(self.belief.free)
+        way = np.abs(left - self.grid.position(scout.cell)).sum(axis=1)
+        return self.finder.towards(scout.cell, self.grid.cell(*left[int(way.argmin())].tolist()))
 
     def _ahead(self, scout: Scout) -> list[int]:
         """The cells that an agent is about to visit."""

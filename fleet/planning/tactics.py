@@ -15,7 +15,10 @@ class InterestWeights(Model):
         default=1.0,
         description="The same of the cells around it, which the capture would tell of; the nearer the more.",
     )
-    novelty: NonNegative = Field(default=0.3, description="1 - exp(-d / 3), with d cells to the nearest captured one.")
+    novelty: NonNegative = Field(
+        default=0.3,
+        description="1 - exp(-d / 3), with d the distance to the nearest captured cell, in cells of the mean size.",
+    )
 
 
 class Search(Model):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -153,7 +154,7 @@ class ScoutMind:
             if records:
                 self._follow(self.scouting.scouts[index], records[-1])
         for index in self._hearing.gone:
-            self.scouting.scouts[index].plan.clear()
+            self.scouting.scouts[index].plan = deque()
         self._untold = []
         for _, _, cell, value in sorted(captures):
             self.scouting.take_in(cell, value)
@@ -161,9 +162,9 @@ class ScoutMind:
     def _follow(self, other: Scout, record: Record) -> None:
         """Where another agent goes, by its last record."""
         other.cell, other.landed = record.cell, record.move == LAND
-        other.plan.clear()
+        other.plan = deque()
         if not other.landed:
-            other.plan.extend((record.move, *record.plan))
+            other.plan = deque((record.move, *record.plan))
             self.scouting.advance(other)
 
     def _open_moves(self, cell: int) -> int:

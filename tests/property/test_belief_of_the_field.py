@@ -17,7 +17,7 @@ from fleet.contexts.grid import Grid
 from fleet.functions.belief import Belief, blank
 from fleet.functions.classes import class_mean, class_probabilities
 from fleet.functions.kriging import Prediction, Variogram, krige, predict
-from fleet.functions.kriging_kernel import below, settle, take_in
+from fleet.functions.kriging_kernel import TILE, below, settle, take_in
 
 Values = NDArray[np.float64]
 SOME = Variogram(12.0, 0.2, 30.0)
@@ -75,6 +75,19 @@ def test_probabilities_of_classes_are_those_of_the_map(flight: tuple[Grid, Value
     assert belief.class_mean == pytest.approx(mean, rel=1e-12)
     np.testing.assert_allclose(belief.class_probabilities(mean), class_probabilities(map_, mean), atol=1e-12)
     np.testing.assert_allclose(belief.class_probabilities(103.0), class_probabilities(map_, 103.0), atol=1e-12)
+
+
+@settings(max_examples=40)
+@given(flights())
+def test_free_cells_are_counted_tile_by_tile(flight: tuple[Grid, Values, list[NDArray[np.int64]]]) -> None:
+    grid, values, batches = flight
+    belief, free = Belief(grid, SOME), grid.valid.copy()
+    for cells in batches:
+        belief.observe(cells, values.reshape(-1)[cells])
+        free.reshape(-1)[cells] = False
+        np.testing.assert_array_equal(belief.free, free)
+        for (row, column), left in np.ndenumerate(belief.state.left):
+            assert left == np.count_nonzero(free[row * TILE : (row + 1) * TILE, column * TILE : (column + 1) * TILE])
 
 
 def test_only_cells_whose_neighbours_change_are_predicted_anew() -> None:

@@ -100,6 +100,21 @@ def test_a_prediction_is_what_was_believed_when_the_belief_was_last_asked(seed: 
     assert calibration.count == len(cells) - FEW
 
 
+def test_when_much_is_captured_the_belief_is_asked_less_often() -> None:
+    """After 600 captures every third one, although the lag is one."""
+    grid, truth = full(30, 30), np.random.default_rng(2).normal(100.0, 20.0, 900)
+    cells = np.random.default_rng(3).permutation(900)
+    belief, calibration, asked = Belief(grid, SMOOTH), Calibration(lag=1), []
+    belief.observe(cells[:600], truth[cells[:600]])
+    for order in range(600, 612):
+        if order % 3 == 0:
+            said = belief.class_probabilities().reshape(4, -1).max(axis=0)
+        asked.append(said[cells[order]])
+        calibration.foresee(belief, int(cells[order]), float(truth[cells[order]]))
+        belief.observe([cells[order]], [truth[cells[order]]])
+    assert [said for said, _ in calibration.pairs] == pytest.approx(asked, rel=1e-12)
+
+
 @pytest.mark.parametrize("value", [-1e6, 0.0, 95.0, 1e6])
 def test_what_is_captured_never_changes_what_was_foretold(value: float) -> None:
     grid, truth = full(8, 9), drawn(0, 8, 9).reshape(-1)

@@ -112,3 +112,12 @@ def test_features_are_added_by_their_weights() -> None:
     weights = InterestWeights(doubt=0.7, doubt_around=1.3, novelty=0.2)
     parts = 0.7 * interest(belief, DOUBT) + 1.3 * interest(belief, AROUND) + 0.2 * interest(belief, NOVELTY)
     np.testing.assert_allclose(interest(belief, weights), parts, rtol=1e-12)
+
+
+def test_where_cells_are_not_square_novelty_goes_by_metres() -> None:
+    """d / 3 with d in cells of the mean size: four times as high as wide, a row is 2 of them and a column a half."""
+    belief = Belief(Grid(np.ones((9, 30), dtype=np.bool_), 20.0, 5.0), SMOOTH)
+    belief.observe(np.arange(FEW), drawn(0, 9, 30).reshape(-1)[:FEW])
+    found = interest(belief, NOVELTY)
+    assert found[4, 3] == pytest.approx(1.0 - np.exp(-4 * 2.0 / 3.0), rel=1e-12)
+    assert found[0, FEW + 5] == pytest.approx(1.0 - np.exp(-6 * 0.5 / 3.0), rel=1e-12)
