@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +23,8 @@ from fleet.planning.tactics import Tactics
 from fleet.report.claims import BINS, LEAST, Reliability, mission_claims, reliability
 from fleet.report.collect import AgentRun, MissionRun, RunData
 from fleet.report.pictures import claims_pictures
-from tests.flown_missions import fly_missions, settings_of
 from tests import planned_flights
+from tests.flown_missions import fly_missions, settings_of
 from tests.planned_flights import FEATURES, PATHS, WEIGHTS
 from tests.planning import ENERGY, Values, drawn, environment
 
@@ -166,7 +167,7 @@ predictions = st.lists(st.tuples(st.floats(0, 1), st.booleans()), max_size=200)
 def plainly(said: list[float], right: list[bool]) -> list[tuple[float, float, int]]:
     """Bin by bin; a bin begins with its lower bound, and the last one has its upper bound too."""
     rows = []
-    for low, high in zip(BINS[:-1], BINS[1:], strict=True):
+    for low, high in pairwise(BINS):
         own = [
             (probability, was)
             for probability, was in zip(said, right, strict=True)
