@@ -32,7 +32,7 @@ MODELS = {
 """The harmful one goes where nothing is known: on a banded field, where all is known by looking at a few cells."""
 
 
-def banded(seed: int, rows: int = 12, columns: int = 16) -> Values:
+def banded(seed: int, rows: int = 9, columns: int = 12) -> Values:
     """Poor on one side and rich on the other, and in between a band of cells on the bounds of the classes."""
     truth = np.full((rows, columns), 40.0)
     truth[:, columns // 2 :] = 160.0
@@ -73,7 +73,7 @@ BY_FIRST = {agent: alone("initial") for agent in AGENTS}
 
 
 def with_holes() -> Values:
-    truth = drawn(4, 10, 14)
+    truth = drawn(4, 9, 11)
     truth[2:5, 5:8] = np.nan
     return truth
 
@@ -192,7 +192,7 @@ def learned(models: Mapping[str, PlannerModel], missions: int) -> dict[str, floa
     weights, observations = first_weights(AGENTS), list[Observation]()
     learning = OnlineLearning(weights=WeightLearner.MULTIPLICATIVE_WEIGHTS)
     for number in range(1, missions + 1):
-        replay = replayer(banded(number, 8, 12), weights)
+        replay = replayer(banded(number, 8, 10), weights)
         observations += [Observation(number, agent, weights[agent], replay.loss.of(WHOLE)) for agent in AGENTS]
         weights = propose_weights(History(tuple(observations)), list(models), AGENTS, learning, number, replay)
     return {key: sum(weights[agent][key] for agent in AGENTS) / len(AGENTS) for key in models}
