@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,18 +12,22 @@ import pytest
 from fleet.contexts.grid import Grid
 from fleet.functions.classes import class_probabilities, classes, likely_values
 from fleet.functions.kriging import Prediction, Variogram, fit, predict
-from fleet.learning.planner import PlannerModel
+from fleet.learning.planner import Evidence, PlannerModel
 from fleet.learning.planner_lessons import first_planner, retrain_planner, train_planner
 from fleet.learning.practice import Grounds
+from fleet.learning.progress import Progress
 from fleet.learning.reward import Normaliser, PlannerReward, RewardModel
+from fleet.learning.run import Run
 from fleet.missions.layout import plan_field
 from fleet.missions.records import Record
 from fleet.planning.gains import FARTHEST, MOST, gains
 from fleet.planning.interest import FEW
 from fleet.planning.swarm import Swarm, scattered
 from fleet.planning.tactics import InterestWeights, Tactics
+from fleet.randomness import named_seed
 from fleet.simulator.terrain import Terrain
 from fleet.spec.swarm import AgentSpec
+from fleet.storage.local import LocalStorage
 from tests.learning_field import RichCells
 from tests.planning import ENERGY, Values, drawn, environment
 
@@ -248,17 +253,32 @@ def test_without_captures_the_model_stays_what_it_was(logs: Mapping[str, Sequenc
     assert (model.to_bytes(), count) == (first.to_bytes(), 0)
 
 
-def test_training_learns_from_simulated_missions_over_each_context_and_only_from_what_is_mapped() -> None:
-    terrains = tuple(terrain(drawn(seed, 10, 12)) for seed in (1, 2))
-    grounds = Grounds(terrains, ("agent-1", "agent-2"), ENERGY, RichCells())
-    first = first_planner(REWARD)
-    model = train_planner(first, grounds, REWARD, missions=2, seed=3)
-    assert model.to_bytes() == train_planner(first, grounds, REWARD, missions=2, seed=3).to_bytes()
-    assert model.to_bytes() != train_planner(first, grounds, REWARD, missions=2, seed=4).to_bytes()
-    assert model.captures > train_planner(first, grounds, REWARD, missions=1, seed=3).captures > 50
+def test_training_learns_from_simulated_missions_over_each_context(tmp_path: Path) -> None:
+    terrains = tuple(terrain(drawn(seed, 9, 10)) for seed in (1, 2))
+    grounds, first = Grounds(terrains, ("agent-1", "agent-2"), ENERGY, RichCells()), first_planner(REWARD)
     nothing = Grounds((), ("agent-1", "agent-2"), ENERGY, RichCells())
-    assert train_planner(first, nothing, REWARD, missions=2, seed=3).to_bytes() == first.to_bytes()
-    assert isinstance(model, PlannerModel)
+
+    def trained(missions: int = 2, workers: int = 1, seed: int = 3, over: Grounds = grounds) -> PlannerModel:
+        news: list[Progress] = []
+        run = Run(LocalStorage(tmp_path), "training", seed, workers, listener=news.append)
+        model = train_planner(first, over, REWARD, missions, run)
+        flights = missions * len(over.terrains)
+        assert [one.done for one in news] == ([flights] if flights else [])
+        return model
+
+    model = trained()
+    assert model.to_bytes() == trained(workers=2).to_bytes() != trained(seed=4).to_bytes()
+    assert model.captures > trained(missions=1).captures > 30
+    assert trained(over=nothing).to_bytes() == first.to_bytes()
+    plain = first
+    for number, one in product(range(2), terrains):
+        truth = one.environment.truth
+        assert truth is not None
+        scouts = scattered(one.environment.grid, 2, named_seed(3, f"training/{number}"))
+        swarm = Swarm(one.environment.grid, ENERGY, scouts, Tactics(weights=USUAL), REWARD.of_planner.rule)
+        swarm.fly(truth.item)
+        plain = plain.updated(Evidence(*gains(one.environment.grid, swarm.captured, truth.reshape(-1))))
+    assert model.to_bytes() == plain.to_bytes()
 
 
 def terrain(truth: Values) -> Terrain:
