@@ -85,7 +85,9 @@ class Lessons:
             return shape_planner(
                 bench.fleet, bench.grounds(ContextUse.SHAPING), self._run(bench.paths.shaping), normaliser
             )
-        return given_planner(bench.fleet, bench.map_client.features, normaliser)
+        known = {terrain.environment.truth_name for terrain in bench.terrains(ContextUse.TRAINING)}
+        truth_name = known.pop() if len(known) == 1 else ""
+        return given_planner(bench.fleet, bench.map_client.features, normaliser, truth_name)
 
     def _train_planner(self, reward: RewardModel) -> PlannerModel:
         bench = self.bench
@@ -93,6 +95,11 @@ class Lessons:
         start = self.pretrained or first_planner(reward)
         if not isinstance(start, PlannerModel):
             raise ModelError(f"the pre-trained model is of kind {start.kind}, but sa.kind is {SAKind.PLANNER}")
+        if start.features != reward.features:
+            raise ModelError(
+                f"the pre-trained model expects the features {', '.join(start.features)}, but Map() gives "
+                f"{', '.join(reward.features)}; leave sa.pretrained out, or choose the Map() it was trained with"
+            )
         missions = bench.fleet.training.epochs * bench.fleet.training.periods
         return train_planner(start, grounds, reward, missions, self._run(bench.paths.training))
 

@@ -100,9 +100,13 @@ def shape_planner(fleet: Fleet, grounds: Grounds, run: Run, normaliser: Normalis
     return reward
 
 
-def given_planner(fleet: Fleet, features: Sequence[str], normaliser: Normaliser) -> RewardModel:
-    """The reward of a Planner without a context for shaping: with the caution that is given, or the usual one."""
-    return _reward(planner_reward(fleet, features, ""), features, normaliser)
+def given_planner(fleet: Fleet, features: Sequence[str], normaliser: Normaliser, truth_name: str = "") -> RewardModel:
+    """The reward of a Planner without a context for shaping: with the caution that is given, or the usual one.
+
+    Args:
+        truth_name: The quantity that the other contexts know the truth of; "" when they know none.
+    """
+    return _reward(planner_reward(fleet, features, truth_name), features, normaliser)
 
 
 def planner_reward(fleet: Fleet, features: Sequence[str], truth_name: str) -> PlannerReward:

@@ -1,13 +1,14 @@
 """What agents that plan claimed of their map on the way, and how far that was true.
 
-Everything is told anew from the logs: the captures of all agents, in the order of mission time, make the belief that
-the agents had, up to what one of them had not heard yet.
+Everything is told anew from the logs: the captures of all agents, in the order of mission time and of equal times in
+that of the agents, make the belief that the agents had, up to what one of them had not heard yet.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,8 @@ from fleet.planning.calibration import Calibration
 from fleet.report.collect import MissionRun
 
 Values = NDArray[np.float64]
+Moment = tuple[float, int]
+"""Mission time in s, and the index of the agent that does something then: who hears of what."""
 BINS = (0.0, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 """Bounds of the probabilities that are shown together."""
 LEAST = 5
@@ -81,22 +84,17 @@ class MissionClaims:
 def mission_claims(mission: MissionRun, planner: PlannerReward, features: Sequence[str]) -> MissionClaims | None:
     """What the agents of a mission claimed; None when none of them planned, or its place is not known."""
     environment = mission.environment
-    looks = sorted(
-        (record.time_s, run.agent, record)
-        for run in mission.agents
-        for record in run.records
-        if record.claimed is not None
-    )
+    looks = [(moment, record) for moment, record in _in_order(mission) if record.claimed is not None]
     if environment is None or not looks:
         return None
     told = _Told(environment, mission, features.index(planner.feature))
-    true = [told.accuracy_at(time_s) for time_s, _, _ in looks]
-    told.accuracy_at(np.inf)
+    true = [told.accuracy_at(moment) for moment, _ in looks]
+    told.accuracy_at((inf, 0))
     rule = planner.rule
     claims = Claims(
-        time_s=np.array([time_s for time_s, _, _ in looks]),
-        claimed=np.array([record.claimed for _, _, record in looks], dtype=np.float64),
-        needed=np.array([rule.needed(r.predictions) if r.predictions else np.nan for _, _, r in looks]),
+        time_s=np.array([time_s for (time_s, _), _ in looks]),
+        claimed=np.array([record.claimed for _, record in looks], dtype=np.float64),
+        needed=np.array([rule.needed(r.predictions) if r.predictions else np.nan for _, r in looks]),
         true=np.array(true),
         goal=planner.goal,
     )
@@ -128,6 +126,12 @@ def reliability(said: Values, right: NDArray[np.bool_]) -> Reliability:
     )
 
 
+def _in_order(mission: MissionRun) -> list[tuple[Moment, Record]]:
+    """All states of a mission in the order in which the agents hear of each other."""
+    states = [((record.time_s, index), record) for index, run in enumerate(mission.agents) for record in run.records]
+    return sorted(states, key=lambda state: state[0])
+
+
 def _unseen(told: _Told) -> Reliability | None:
     """Predictions of the cells that nobody captured."""
     if told.true is None:
@@ -148,15 +152,12 @@ class _Told:
             self.mean = class_mean(environment.truth, environment)
             self.true = classes(np.where(environment.grid.valid, environment.truth, np.nan), self.mean)
         self._column = column
-        self._left = sorted(
-            ((record.time_s, run.agent, record) for run in mission.agents for record in run.records if record.captured),
-            reverse=True,
-        )
+        self._left = [(moment, record) for moment, record in _in_order(mission) if record.captured][::-1]
 
-    def accuracy_at(self, time_s: float) -> float:
+    def accuracy_at(self, moment: Moment) -> float:
         """Take in what was captured up to a moment; the accuracy of the map then, NaN when the truth is not known."""
-        while self._left and self._left[-1][0] <= time_s:
-            record: Record = self._left.pop()[2]
+        while self._left and self._left[-1][0] <= moment:
+            record = self._left.pop()[1]
             value = record.ssv[self._column]
             if self.belief.free.flat[record.cell]:
                 self.calibration.foresee(self.belief, record.cell, value)

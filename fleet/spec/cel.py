@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from fleet.spec.base import POWERSET_LIMIT
 from fleet.spec.platform import STORAGE_ADDRESS, STORAGE_EXAMPLES
-from fleet.spec.swarm import CAPABILITIES, Capability
+from fleet.spec.swarm import CAPABILITIES, CARDINAL, Capability
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,15 @@ def _driver_rules() -> tuple[CelRule, ...]:
     return tuple(rules)
 
 
+def _all_cardinal(of: str) -> str:
+    return f"{[action.value for action in CARDINAL]}.all(a, a in {of}.actions)"
+
+
+_SHARED_MOVES = f"(!has(self.agents.actions) || {_all_cardinal('self.agents')})"
+_AGENTS_CAN_TURN = (
+    "(has(self.agents.members) && size(self.agents.members) > 0 ? "
+    f"self.agents.members.all(m, has(m.actions) ? {_all_cardinal('m')} : {_SHARED_MOVES}) : {_SHARED_MOVES})"
+)
 _AGENTS = "(has(self.agents.count) ? self.agents.count : has(self.agents.members) ? size(self.agents.members) : 0)"
 _FUNCTION = (
     CelRule("has(self.__function__) != has(self.image)", "give either function or image, and not both"),
@@ -165,6 +174,14 @@ RULES: Mapping[str, tuple[CelRule, ...]] = {
         CelRule(
             "self.sa.kind != 'Planner' || self.goals.exists(g, g.metric == 'accuracy' && has(g.atLeast))",
             "Planner lands when its map is accurate enough: one of goals must be for accuracy, with atLeast",
+        ),
+        CelRule(
+            f"self.sa.kind != 'Planner' || {_AGENTS_CAN_TURN}",
+            "Planner flies along rows and columns: every agent must have North, South, East and West in its actions",
+        ),
+        CelRule(
+            "self.sa.kind != 'Planner' || self.eval.checks != 'AfterGroup'",
+            "AfterGroup asks Eval() when a state group is left, and Planner has none: write AtEnd",
         ),
         CelRule(
             f"!has(self.aggregation.kind) || self.aggregation.kind != 'Powerset' || {_AGENTS} <= {POWERSET_LIMIT}",

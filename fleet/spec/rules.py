@@ -106,18 +106,19 @@ def _planner(fleet: Fleet) -> Iterator[Finding]:
     if fleet.accuracy_goal is None:
         hint = "add `{metric: accuracy, atLeast: 0.7}` to goals, or use another kind of SA"
         yield Finding(goals, "Planner lands when its map is accurate enough, and no goal says so", hint, (kind, goals))
+    told: set[Path] = set()  # of agents that share their actions, the first says it for all
     for index, agent in enumerate(fleet.agents.resolved):
+        of_member = bool(fleet.agents.members) and fleet.agents.members[index].actions is not None
+        here: Path = (*SPEC, "agents", *(("members", index) if of_member else ()), "actions")
         missing = [action for action in CARDINAL if action not in (agent.actions or ())]
-        if missing:
-            here: Path = (*SPEC, "agents")
-            here = (*here, "members", index, "actions") if fleet.agents.members else (*here, "actions")
+        if missing and here not in told:
+            told.add(here)
             message = f"Planner flies along rows and columns, but {agent.name} may not move {listed(missing, 'or')}"
             yield Finding(here, message, f"add {listed(missing, 'and')}, or use another kind of SA", (kind, here))
-            return
     if fleet.eval.checks is EvalChecks.AFTER_GROUP:
-        here = (*SPEC, "eval", "checks")
+        checks = (*SPEC, "eval", "checks")
         message = f"{EvalChecks.AFTER_GROUP} asks Eval() when a state group is left, and Planner has none"
-        yield Finding(here, message, f"write `checks: {EvalChecks.AT_END}`, or leave it out", (kind, here))
+        yield Finding(checks, message, f"write `checks: {EvalChecks.AT_END}`, or leave it out", (kind, checks))
 
 
 def _goals(fleet: Fleet) -> Iterator[Finding]:

@@ -2,8 +2,10 @@
 
 All fly the last mission again over what its records say of the field until their map of that field is as good as the
 one with which the last mission's own weights end after as many captures. What counts is the energy that this takes,
-over that of the last mission's weights: what is wrong in the belief is wrong in both. Agents share one map, so what is
-good for one is good for all: every agent's loss is that of the swarm.
+over that of the last mission's weights: what is wrong in the belief is wrong in both. Who needs less of it could have
+saved energy, or have seen more: half of each, so that something is learned from missions that missed their goals, where
+energy does not count, as well as from those that met them, where captures do not. Agents share one map, so what is good
+for one is good for all: every agent's loss is that of the swarm.
 
 The smallest difference leads to other paths, and with them to a tenth more or less of the energy. So missions are flown
 from several places, and what models differ by is believed only as far as it is more than these flights differ by.
@@ -66,8 +68,12 @@ class PlannedReplayer:
     def __call__(self, agent: str, candidates: Sequence[Weights]) -> list[float]:
         """The loss with the next models and these weights; the same for every agent."""
         ratios = np.array([self._ratios(blended(self.after, weights)) for weights in candidates])
-        whole = self.loss.whole
-        return [self.loss.of(Effort(whole.captured, whole.energy * ratio)) for ratio in believed(ratios)]
+        return [self.loss.of(self._effort(ratio)) for ratio in believed(ratios).tolist()]
+
+    def _effort(self, ratio: float) -> Effort:
+        """That of the last mission, had it needed so many times the energy for the same map."""
+        whole, half = self.loss.whole, ratio**0.5
+        return Effort(min(1.0, whole.captured / half), whole.energy * half)
 
     def _ratios(self, interest: InterestWeights) -> Values:
         """Energy of each replay with these weights over that with the last mission's, float64 [REPLAYS]."""

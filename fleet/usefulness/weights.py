@@ -143,7 +143,10 @@ def _by_losses(
         own = _of(agent, replay) if history.of(agent) else None
         lasts.append(points[-1])
         losses.append(losses_alone(points, np.array([each.loss for each in flown]), _at(keys, own)))
-    return [rule(last, loss) for last, loss in zip(lasts, pooled(np.array(losses)), strict=True)]
+    return [
+        rule(last, loss) if history.of(agent) else last  # who has not flown knows nothing of the models
+        for agent, last, loss in zip(agents, lasts, pooled(np.array(losses)), strict=True)
+    ]
 
 
 def _at(

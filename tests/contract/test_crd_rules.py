@@ -52,6 +52,11 @@ POWERSET_RULE = "Powerset is for up to 8 agents: write EachAndAll, Neighbours or
 FUNCTION_RULE = "give either function or image, and not both"
 CUSTOM_RULE = "function is needed with kind Custom, and has no meaning with another kind"
 MEMORY_RULE = "memory is in bytes, and less than 1Mi can hold no program: write 256Mi, not 256 or 256m"
+PLANNER_GOAL = "Planner lands when its map is accurate enough: one of goals must be for accuracy, with atLeast"
+PLANNER_MOVES = "Planner flies along rows and columns: every agent must have North, South, East and West in its actions"
+PLANNER_CHECKS = "AfterGroup asks Eval() when a state group is left, and Planner has none: write AtEnd"
+PLANNER = {"sa": {"kind": "Planner"}}
+CARDINAL = ["North", "South", "East", "West"]
 CPU_RULE = "cpu is in cores, and no machine has more than 1000: write 500m or 2"
 
 
@@ -70,6 +75,34 @@ CPU_RULE = "cpu is in cores, and no machine has more than 1000: write 500m or 2"
         (given(contexts=ONE_CONTEXT, **WEIGHTED), [TRAINING_RULE]),
         (given(contexts=ONE_CONTEXT, sa={"pretrained": "model.npz"}), [SHAPING_RULE]),
         (given(contexts=ONE_CONTEXT, **WEIGHTED | {"ha": {}}, sa={"pretrained": "m"}), [SHAPING_RULE]),
+        (given(contexts=ONE_CONTEXT, **PLANNER), []),
+        (given(agents=None, **PLANNER), []),
+        (given(goals=[{"metric": "coverage", "atLeast": 0.5}], **PLANNER), [PLANNER_GOAL]),
+        (given(goals=[{"metric": "accuracy", "atMost": 0.5}], **PLANNER), [PLANNER_GOAL]),
+        (given(goals=[{"metric": "a", "atMost": 1}, {"metric": "accuracy", "atLeast": 0.5}], **PLANNER), []),
+        (given(agents={"count": 2, "actions": [*CARDINAL, "NorthEast"]}, **PLANNER), []),
+        (given(agents={"count": 2, "actions": CARDINAL[1:]}, **PLANNER), [PLANNER_MOVES]),
+        (given(agents={"count": 2, "actions": ["North"]}), []),
+        (
+            given(agents={"members": [{"name": "a", "actions": CARDINAL}], "actions": ["North"]}, **PLANNER),
+            [],
+        ),
+        (given(agents={"members": [{"name": "a"}], "actions": ["North"]}, **PLANNER), [PLANNER_MOVES]),
+        (
+            given(agents={"members": [{"name": "a"}, {"name": "b", "actions": ["East"]}]}, **PLANNER),
+            [PLANNER_MOVES],
+        ),
+        (given(eval={"function": "a:b", "checks": "AfterGroup"}, **PLANNER), [PLANNER_CHECKS]),
+        (given(eval={"function": "a:b", "checks": "AfterGroup"}), []),
+        (
+            given(
+                agents={"count": 2, "actions": ["North"]},
+                eval={"function": "a:b", "checks": "AfterGroup"},
+                goals=[{"metric": "coverage", "atLeast": 0.5}],
+                **PLANNER,
+            ),
+            [PLANNER_GOAL, PLANNER_MOVES, PLANNER_CHECKS],
+        ),
         (given(stateSpace={"context": "june"}), [MISSION_RULE]),
         (given(stateSpace={"context": "october"}), [MISSION_RULE]),
         (given(agents={"count": 8}, aggregation={"kind": "Powerset"}), []),
@@ -176,6 +209,8 @@ STORAGE = "the storage cannot change: records and models are there. Make a new F
         (given(), given(stateSpace={"context": "september", "groups": {"rows": 4}}), [GROUPS]),
         (given(), given(stateSpace={"context": "september", "groups": {"order": "Nearest"}}), []),
         (given(), given(sa={"kind": "DQN"}), [KIND]),
+        (given(), given(**PLANNER), [KIND]),
+        (given(**PLANNER), given(sa={"kind": "Planner", "feature": "exg"}, ha={"caution": 0.5}), []),
         (given(), given(storage={"uri": "file:///var/fleet"}), [STORAGE]),
         (given(), given(map={"image": "farm/map:2"}), []),
         (given(), given(goals=[{"metric": "coverage", "atMost": 0.5}], missions={"count": 9}, suspend=True), []),

@@ -222,6 +222,18 @@ def test_a_fleet_that_wants_no_replays_is_not_replayed() -> None:
         propose_weights(flown((INITIAL, 0.5)), MODELS, ["agent-1"], none, seed=0, replay=never)
 
 
+@given(st.lists(st.integers(0, 10), min_size=1, max_size=8).filter(any), st.floats(-3, 3))
+def test_models_that_nothing_tells_apart_keep_their_order_and_new_ones_get_the_share_of_one(
+    counts: list[int], loss: float
+) -> None:
+    last = np.array(counts) / sum(counts)
+    found = exponential_weights(last, np.full(len(last), loss))
+    assert found.sum() == pytest.approx(1.0)
+    assert found[last == 0.0] == pytest.approx(1.0 / len(last))
+    kept = last > 0.0
+    assert found[kept] / found[kept].sum() == pytest.approx(last[kept])
+
+
 def test_equals_change_nothing() -> None:
     last = np.array([0.2, 0.5, 0.3])
     same = np.full(3, 0.7)

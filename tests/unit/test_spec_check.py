@@ -159,6 +159,22 @@ DOUBTFUL: list[tuple[dict[str, Any], str, str]] = [
     ),
     ({"sa": {"kind": "DQN"}}, "spec.sa.kind", "DQN needs the extra `deep`"),
     (
+        {"sa": {"kind": "Planner"}, "ha": {"utilityThreshold": 3.0}},
+        "spec.ha.utilityThreshold",
+        "Planner does not look at utilityThreshold",
+    ),
+    (
+        {"sa": {"kind": "Planner"}, "ha": {"visitedThreshold": 0, "caution": 0.5}},
+        "spec.ha.visitedThreshold",
+        "Planner does not look at visitedThreshold",
+    ),
+    ({"ha": {"caution": 0.0}}, "spec.ha.caution", "QLearning does not look at caution"),
+    (
+        {"sa": {"kind": "QLearning", "feature": "exg"}},
+        "spec.sa.feature",
+        "QLearning does not look at feature",
+    ),
+    (
         {"goals": [{"metric": "accuracy", "atLeast": 70}]},
         "spec.goals[0].atLeast",
         "accuracy is a share from 0 to 1 unless Eval() says otherwise, and this is 70",
@@ -208,7 +224,13 @@ def test_doubtful_specs_are_taken_with_a_warning(spec: dict[str, Any], path: str
 
 
 @pytest.mark.parametrize(
-    "spec", [{}, {"map": {"image": "host:5000/map:1.2"}}, {"map": {"image": "farm/map@sha256:0123"}}]
+    "spec",
+    [
+        {"sa": {"kind": "Planner", "feature": "exg"}, "ha": {"caution": 0.5, "confidence": 0.8}},
+        {},
+        {"map": {"image": "host:5000/map:1.2"}},
+        {"map": {"image": "farm/map@sha256:0123"}},
+    ],
 )
 def test_ordinary_specs_have_no_warning(spec: dict[str, Any]) -> None:
     assert warnings_of(parse_fleet_spec(fleet_document(**spec))) == []
