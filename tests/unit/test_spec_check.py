@@ -179,6 +179,11 @@ DOUBTFUL: list[tuple[dict[str, Any], str, str]] = [
         "no model is pruned: that takes 3 missions, and there are only 3",
     ),
     (
+        {"onlineLearning": {"replays": 0}},
+        "spec.onlineLearning.replays",
+        "MultiplicativeWeights learns from replays alone; without them every agent keeps its first model",
+    ),
+    (
         {"rewardShaping": {"epochs": 2}},
         "spec.rewardShaping.batch",
         "4 parameter sets are simulated side by side, and there are only 2 epochs",
@@ -208,7 +213,13 @@ def test_doubtful_specs_are_taken_with_a_warning(spec: dict[str, Any], path: str
 
 
 @pytest.mark.parametrize(
-    "spec", [{}, {"map": {"image": "host:5000/map:1.2"}}, {"map": {"image": "farm/map@sha256:0123"}}]
+    "spec",
+    [
+        {},
+        {"onlineLearning": {"replays": 0, "weights": "ExpectedImprovement"}},
+        {"map": {"image": "host:5000/map:1.2"}},
+        {"map": {"image": "farm/map@sha256:0123"}},
+    ],
 )
 def test_ordinary_specs_have_no_warning(spec: dict[str, Any]) -> None:
     assert warnings_of(parse_fleet_spec(fleet_document(**spec))) == []
