@@ -16,6 +16,8 @@ import numba
 import numpy as np
 from numba.extending import intrinsic
 
+from fleet.reached import fields_in, stamp_of
+
 _F = TypeVar("_F", bound=Callable[..., Any])
 _PLAIN = bool(numba.config.DISABLE_JIT)  # type: ignore[attr-defined]  # set from the environment
 
@@ -33,16 +35,12 @@ def program(function: _F) -> _F:
         compiled = numba.njit(cache=True, **options)(function)
     except RuntimeError:  # neither the package's folder nor the user's cache can be written: each process compiles
         return cast(_F, numba.njit(**options)(function))
-    _forgive_what_has_moved(compiled._cache._cache_file)
+    _know_what_is_reached(compiled._cache, function)
     return cast(_F, compiled)
 
 
 def part(function: _F) -> _F:
-    """Make a function a part of the programs that call it: a real call would pass its state through memory.
-
-    numba's cache looks at the file of the program alone, so a program from another file than its part's has to be
-    touched when the part changes.
-    """
+    """Make a function a part of the programs that call it: a real call would pass its state through memory."""
     return cast(_F, numba.njit(inline="always")(function))
 
 
@@ -66,18 +64,22 @@ def _as_machine_code_counts(function: _F) -> _F:
     return cast(_F, counting)
 
 
-def _forgive_what_has_moved(file: Any) -> None:
-    """Take a list of cached code that cannot be read for an empty one.
+def _know_what_is_reached(cache: Any, function: Callable[..., Any]) -> None:
+    """Let the machine code that is kept be good only for the parts and the constants that it was made from.
 
-    numba reads the types of arguments, tuples' classes among them by name, before it looks whether the code is of this
-    source at all. Without this, a class that has another name since an update would be an error at the first call.
+    numba itself looks at the program's own file alone, and takes named tuples with the same types for the same. It also
+    reads the types of arguments, tuples' classes among them by name, before it looks whether the code is of this source
+    at all: a list that cannot be read, because a class has another name by now, is an empty one.
     """
-    read = file._load_index
+    file, read, key_of = cache._cache_file, cache._cache_file._load_index, cache._index_key
+    own = file._source_stamp
 
     def read_or_none() -> Any:
+        file._source_stamp = (own, stamp_of(function))  # at the first call: parts may stand below their program
         try:
             return read()
         except (AttributeError, ImportError):
             return {}
 
     file._load_index = read_or_none
+    cache._index_key = lambda signature, codegen: (*key_of(signature, codegen), fields_in(signature))
