@@ -25,8 +25,8 @@ from bench.scouting.rivals.greedy import _along_legs, _distances, doubt, mistake
 from bench.scouting.rivals.groups import ClassicRL, Groups, others
 from bench.scouting.rivals.lines import Transects
 from bench.scouting.rivals.tours import RandomTour
-from bench.scouting.statistics import paired
 from bench.scouting.tables import at_energy
+from bench.statistics import paired
 from fleet.contexts.grid import Grid
 
 SMALL = (24, 30)

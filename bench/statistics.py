@@ -1,7 +1,6 @@
 """Is a difference more than chance: paired differences with bootstrap intervals.
 
-Both plans fly the same field with the same seed, so what a seed makes easy or hard falls out of their difference. A
-figure over several fields is the mean over the fields for each seed; seeds are what is drawn anew.
+Both rivals get the same field and the same seed, so what a seed makes easy or hard falls out of their difference.
 
 Intervals are studentised: each draw's mean is measured in the draw's own standard error. With ten seeds they hold the
 true mean as often as they say, for normal and for skewed values, and BCa intervals do so less often (the test of this
@@ -37,6 +36,9 @@ class Interval:
     low: float
     high: float
     pairs: int
+
+    def __str__(self) -> str:
+        return f"{self.mean:+.4f} [{self.low:+.4f}, {self.high:+.4f}]"
 
     @property
     def certain(self) -> bool:
