@@ -15,6 +15,8 @@ from bench.scouting.flight import flown as flight_of
 from bench.scouting.judge import CHECKPOINTS, Curve, How, accuracies, along, judged, over_budgets, progress
 from bench.scouting.paths import serpentine, shared_out
 from bench.scouting.rivals.lines import Lawnmower, Transects
+from fleet.functions.classes import classes, likely_values
+from fleet.functions.kriging import krige
 
 CELLS = {"2018-06-01": 2106, "2018-08-02": 1278, "2018-09-16": 1787, "gartner": 2740, "lasrosas": 638}
 
@@ -77,6 +79,20 @@ def test_a_map_of_nothing_is_wrong_everywhere_and_a_full_one_nowhere() -> None:
     none = np.zeros(field.grid.cells, dtype=np.bool_)
     assert accuracies(field, none) == dict.fromkeys(How, 0.0)
     assert accuracies(field, ~none) == dict.fromkeys(How, 1.0)
+
+
+def test_classes_refer_to_the_true_mean_or_to_that_of_the_map() -> None:
+    field = smooth_field()
+    poor = field.truth < np.quantile(field.truth, 0.3)  # who has seen these only takes the field for poor
+    found = accuracies(field, poor)
+    prediction = krige(field.seen(poor), field.grid)
+    truth = field.truth.reshape(prediction.values.shape)
+    own = float(prediction.values.mean())
+    assert own < 0.9 * truth.mean()
+    for mean, expected, probable in ((truth.mean(), How.KR, How.LIKELY), (own, How.KR_OWN, How.LIKELY_OWN)):
+        for how, values in ((expected, prediction.values), (probable, likely_values(prediction, mean))):
+            assert found[how] == pytest.approx((classes(values, mean) == classes(truth, truth.mean())).mean())
+    assert found[How.KR_OWN] != found[How.KR]
 
 
 def test_budgets_are_judged_at_the_end_of_each_mission() -> None:

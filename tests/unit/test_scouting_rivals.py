@@ -169,7 +169,7 @@ def test_tables_and_pictures_hold_what_was_reached(capsys: pytest.CaptureFixture
     }
     program.show(curves, Console(width=200), "transects, rows")
     text = capsys.readouterr().out
-    assert text.count("planted, ") == text.count("minus transects, rows") == len(How)
+    assert text.count("planted, ") == text.count("minus transects, rows") == len(program.TOLD)
     for suffix in ("png", "svg"):
         draw(curves, How.KR, tmp_path / f"curves.{suffix}")
     assert (tmp_path / "curves.png").read_bytes().startswith(b"\x89PNG")
@@ -219,7 +219,8 @@ def test_the_program_writes_every_curve_and_a_picture_for_each_way_to_judge(
     monkeypatch.setattr("sys.argv", [*command.split(), str(out)])
     program.main()
     assert list(read(out)) == [Job("lawnmower", "noise", 2, seed) for seed in (0, 1)]
-    assert sorted(path.name for path in out.parent.glob("*.png")) == [f"scouting-{how}.png" for how in sorted(How)]
+    drawn = [path.name for path in out.parent.glob("*.png")]
+    assert sorted(drawn) == [f"scouting-{how}.png" for how in sorted(program.TOLD)]
     assert "2 of 2" in capsys.readouterr().err
 
 
