@@ -4,7 +4,11 @@ Both rivals get the same field and the same seed, so what a seed makes easy or h
 
 Intervals are studentised: each draw's mean is measured in the draw's own standard error. With ten seeds they hold the
 true mean as often as they say, for normal and for skewed values, and BCa intervals do so less often (the test of this
-module counts both). Source: Efron and Tibshirani 1993, An Introduction to the Bootstrap, section 12.5.
+module counts both). A draw's standard error counts as at least `STEADY` of that of the values: where one seed is unlike
+all others, draws without it would have hardly any, and the interval no end. That costs no coverage: for ten values of
+normal, exponential and log-normal distributions intervals hold the mean as often with it as without.
+
+Source: Efron and Tibshirani 1993, An Introduction to the Bootstrap, section 12.5.
 """
 
 from __future__ import annotations
@@ -20,6 +24,8 @@ LEVEL = 0.95
 RESAMPLES = 9_999
 FEWEST = 5
 """With fewer values there is nothing to draw from, and the interval is that of the t distribution."""
+STEADY = 0.2
+"""Least standard error of a draw, as a share of that of the values."""
 Values = NDArray[np.float64]
 
 
@@ -79,8 +85,7 @@ def _studentised(values: Values, seed: int) -> tuple[float, float]:
     """Quantiles of (mean of a draw - mean) / standard error of the draw."""
     draws = values[np.random.default_rng(seed).integers(0, len(values), (RESAMPLES, len(values)))]
     errors = draws.std(axis=1, ddof=1) / len(values) ** 0.5
-    known = errors > 1e-9 * values.std()
-    deviations = (draws.mean(axis=1)[known] - values.mean()) / errors[known]
+    deviations = (draws.mean(axis=1) - values.mean()) / np.maximum(errors, STEADY * float(stats.sem(values)))
     low, high = np.quantile(deviations, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
     return float(low), float(high)
 

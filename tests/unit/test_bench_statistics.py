@@ -32,6 +32,13 @@ def test_intervals_of_ten_seeds_hold_the_true_mean_as_often_as_they_say(skewed: 
     assert held > held_by_bca
 
 
+def test_one_seed_that_is_unlike_all_others_makes_the_interval_wide_but_not_endless() -> None:
+    values = np.append(np.random.default_rng(6).normal(0.0, 1e-4, 9), 0.1)
+    found = interval(values)
+    assert 0.03 < found.high < 0.1
+    assert -0.01 < found.low < 0.002
+
+
 def test_with_few_seeds_the_interval_is_that_of_the_t_distribution() -> None:
     values = np.array([0.1, 0.3, 0.2])
     found = interval(values)
