@@ -42,7 +42,8 @@ def _function(function: Callable[..., Any], seen: set[int]) -> Iterator[str]:
     yield from _values(tuple(cell.cell_contents for cell in function.__closure__ or ()), seen)
     names = sorted(_names(function.__code__))
     known = [(name, function.__globals__[name]) for name in names if name in function.__globals__]
-    modules = [value for _, value in known if isinstance(value, ModuleType)]
+    # numpy has no constants of ours, and warns when it is asked for some names.
+    modules = [value for _, value in known if isinstance(value, ModuleType) and value is not np]
     known += [(name, getattr(module, name)) for module in modules for name in names if hasattr(module, name)]
     for name, value in known:
         yield name
