@@ -56,7 +56,7 @@ def corn(date: str, data: Path) -> Field:
     cube = np.full((max(r for r, _ in sums) + 1, max(c for _, c in sums) + 1, len(FEATURES)), np.nan)
     for (row, column), values in sums.items():
         cube[row, column] = np.mean(values, axis=0)
-    return _field(date, cube)
+    return field_of(date, cube)
 
 
 def synthetic(seed: int) -> Field:
@@ -70,10 +70,10 @@ def synthetic(seed: int) -> Field:
     truth = 100 + 12 * (0.9 * smooth(2.5) + 0.45 * generator.normal(size=(36, 30)))
     cube = np.stack([truth, 0.01 * truth + 0.1 * generator.normal(size=truth.shape), smooth(1.5)], axis=2)
     cube[generator.random(truth.shape) < 0.05] = np.nan
-    return _field(f"synthetic-{seed}", cube)
+    return field_of(f"synthetic-{seed}", cube)
 
 
-def _field(name: str, cube: NDArray[np.float64]) -> Field:
+def field_of(name: str, cube: NDArray[np.float64]) -> Field:
     grid = Grid(np.isfinite(cube).all(axis=2), 11.9, 8.9)
     space = StateSpace(context="field", groups=Groups(rows=4, columns=4))
     layout = plan_layout(grid, space, Agents(count=4).resolved)

@@ -12,8 +12,8 @@ benchmark only.
 Further arms take our parts away: T_u in the paper's range, [0, number of features]; losses that jump where a goal is
 missed; scikit-optimize's own optimiser in place of ours, which fits and looks for improvement with its library.
 
-Printed: the least loss found after 24 and 48 sets, paired differences to ours with 95 % bootstrap intervals (BCa, over
-seeds), how many sets met the goal, and the optimiser's own share of the wall time.
+Printed: the least loss found after 24 and 48 sets, paired differences to ours with 95 % intervals (`bench.statistics`),
+how many sets met the goal, and the optimiser's own share of the wall time.
 """
 
 from __future__ import annotations
@@ -27,10 +27,9 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.stats import bootstrap
 
 from bench.measure import Result
+from bench.statistics import paired
 from fleet.cli import inputs
 from fleet.learning.bayes import Dimension, Optimiser, Point
 from fleet.learning.reward import Normaliser
@@ -221,14 +220,6 @@ def look(problem: Problem, name: str, seed: int) -> Found:
     return Found(min(losses[: len(losses) // 2]), min(losses), met, overhead)
 
 
-def interval(values: NDArray[np.float64]) -> str:
-    """Mean and 95 % bootstrap interval of paired differences."""
-    if np.ptp(values) == 0.0:
-        return f"{values[0]:+.4f}"
-    found = bootstrap((values,), np.mean, n_resamples=9999, rng=0).confidence_interval
-    return f"{values.mean():+.4f} [{found.low:+.4f}, {found.high:+.4f}]"
-
-
 def report(title: str, searches: dict[str, list[Found]]) -> None:
     """Print the searches of a case, or of all of them."""
     print(f"== {title}: {len(searches[OURS])} searches each")
@@ -238,7 +229,7 @@ def report(title: str, searches: dict[str, list[Found]]) -> None:
         met, overhead = np.mean([each.met for each in found]), np.mean([each.overhead for each in found])
         print(
             f"{name:24} after half {half.mean():.4f}, after all {whole.mean():.4f}; more than ours: after half "
-            f"{interval(half - ours_half)}, after all {interval(whole - ours_whole)}, worse for "
+            f"{paired(half, ours_half)}, after all {paired(whole, ours_whole)}, worse for "
             f"{np.mean(whole > ours_whole):.0%}; goal met {met:.0%}; own share of the time {overhead:.0%}",
             flush=True,
         )

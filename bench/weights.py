@@ -1,6 +1,7 @@
 """Which learner of the weights over the models brings goals nearer from mission to mission, when fields drift?
 
-    python -m bench.weights [--seeds 10] [--missions 10] [--fields corn-dates 2018-06-01 ...] [--processes 1]
+    python -m bench.weights [--seeds 10] [--missions 10] [--fields corn-dates 2018-06-01 ...] [--arms Uniform ...]
+        [--processes 1]
 
 Four agents fly a field again and again. SA was trained on another field; after each mission the models of all subsets
 of agents are retrained from its records. Two models are planted among them, of 24 with random scores that are flown
@@ -9,7 +10,10 @@ mission to mission the field drifts: a smooth random field of a fifth of its dev
 the truth, and 10 % of noise to what is seen. `corn-dates` flies the three dates of the corn field in order, drifting
 between them; the others one field each. The goal is what the first model reaches on each date before it drifts, minus
 0.10 (slack: only energy counts) or plus 0.01 (tight: accuracy counts). The same fields and seeds go through all
-learners, so differences are paired; intervals are bootstrapped (95 %, BCa) over the campaigns.
+learners, so differences are paired; intervals (95 %, `bench.statistics`) are over the campaigns.
+
+Some arms leave out work as the platform does: models whose usefulness stays low are pruned, or models are suspended
+while their usefulness gives level 0, which is Absolute (the paper's) or Relative to the largest.
 """
 
 from __future__ import annotations
@@ -24,21 +28,23 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
-from scipy.stats import bootstrap
 
 from bench.measure import Result
 from bench.missions import AGENTS, ENERGY, FEATURES, Outcome, World, alone, objective, shaken, trained, world_of
 from bench.replays import DATA, HARMFUL, TIGHTNESS, USELESS, subsets
+from bench.statistics import interval, paired
 from fleet.aggregation.retrain import retrain
+from fleet.aggregation.subsets import Subset
 from fleet.learning.model import SAModel
 from fleet.learning.qlearning import QLearning
 from fleet.missions.documents import INITIAL
 from fleet.spec.learning import OnlineLearning, SASpec, WeightLearner
-from fleet.spec.platform import Pruning
+from fleet.spec.platform import Pruning, UsefulnessScale
 from fleet.usefulness.belief import believed_ssv
 from fleet.usefulness.history import History, Observation
 from fleet.usefulness.replay import Replayer
 from fleet.usefulness.weights import first_weights, propose_weights, usefulness
+from fleet_operator.policy.level import levels
 from fleet_operator.policy.pruning import pruned
 
 OUT = Path(__file__).resolve().parent / "out" / "weights.json"
@@ -62,19 +68,47 @@ EI, UNIFORM, HEDGE, BEST = (
 
 @dataclass(frozen=True)
 class Arm:
-    """A learner of weights, None for none, and whether useless models are pruned."""
+    """A learner of weights, None for none, whether useless models are pruned, and how levels are made of usefulness.
+
+    Args:
+        scale: None retrains models of every level.
+    """
 
     learner: WeightLearner | None
     pruning: Pruning = NOT_PRUNED
+    scale: UsefulnessScale | None = None
+
+    @property
+    def plain(self) -> str:
+        """The name of the arm that leaves out no work."""
+        return FIRST_ALONE if self.learner is None else self.learner.value
 
     @property
     def name(self) -> str:
         """For tables."""
-        plain = FIRST_ALONE if self.learner is None else self.learner.value
-        return f"{plain}, pruned" if self.pruning.below else plain
+        levels_by = f", levels {self.scale}" if self.scale else ""
+        return f"{self.plain}{', pruned' if self.pruning.below else ''}{levels_by}"
+
+    def retrained(self, useful: Sequence[Mapping[str, float | None]]) -> list[Subset]:
+        """The subsets whose models are retrained after a mission.
+
+        Args:
+            useful: Usefulness of each model after each mission before; the last is what the mission flew with.
+        """
+        open_ones = {subset.key: subset for subset in subsets() if subset.key not in pruned(useful, self.pruning)}
+        if self.scale is not None:
+            known = useful[-1] if useful else {}
+            by_model = levels({**dict.fromkeys(open_ones), **known}, self.scale)
+            open_ones = {key: subset for key, subset in open_ones.items() if by_model[key] > 0}
+        return list(open_ones.values())
 
 
-ARMS = (Arm(None), *(Arm(each) for each in (EI, UNIFORM, HEDGE, BEST)), Arm(HEDGE, PRUNING))
+LEARNERS = (Arm(None), *(Arm(each) for each in (EI, UNIFORM, HEDGE, BEST)))
+SAVING = (
+    Arm(HEDGE, PRUNING),
+    *(Arm(learner, scale=scale) for learner in (HEDGE, EI) for scale in UsefulnessScale),
+)
+ARMS = {arm.name: arm for arm in (*LEARNERS, *SAVING)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +166,7 @@ def campaign(worlds: Sequence[World], first: dict[str, SAModel], arm: Arm, seed:
         history = History(history.observations + seen)
         learning = OnlineLearning(weights=arm.learner)
         before, models = models, first | models
-        wanted = [subset for subset in subsets() if subset.key not in pruned(useful, arm.pruning)]
+        wanted = arm.retrained(useful)
         for subset in wanted:
             start = before.get(subset.key, first[INITIAL])
             models[subset.key] = retrain(start, outcome.logs, subset, world.reward, learning.retraining, seed + number)[
@@ -175,9 +209,13 @@ def planted(worlds: Sequence[World], seed: int) -> dict[str, SAModel]:
     return {USELESS: chance[order[-2]], HARMFUL: chance[order[-1]]}
 
 
-def measure(case: tuple[str, float, int, int]) -> dict[str, Campaign]:
-    """All arms on a field, with a goal's tightness, a seed and a number of missions."""
-    name, tightness, seed, missions = case
+Case = tuple[str, float, int, int, tuple[str, ...]]
+"""A field, a goal's tightness, a seed, a number of missions, and the arms."""
+
+
+def measure(case: Case) -> dict[str, Campaign]:
+    """All missions of all arms."""
+    name, tightness, seed, missions, arms = case
     pairs = [world_of(each, seed, DATA) for each in (DATES if name == "corn-dates" else (name,))]
     start, known = pairs[0]
     first: dict[str, SAModel] = {INITIAL: trained(known.field, start.reward, seed)}
@@ -187,27 +225,7 @@ def measure(case: tuple[str, float, int, int]) -> dict[str, Campaign]:
         worlds.append(replace(today, objective=objective(alone(today, first[INITIAL]).accuracy + tightness)))
     flown = list(drifting(worlds, missions, seed))
     first |= planted(flown, seed)
-    return {arm.name: campaign(flown, first, arm, seed) for arm in ARMS}
-
-
-@dataclass(frozen=True)
-class Interval:
-    """A mean and its 95 % bootstrap interval."""
-
-    mean: float
-    low: float
-    high: float
-
-    @staticmethod
-    def of(values: NDArray[np.float64]) -> Interval:
-        """Of independent values [n]; equal values have an interval of no width."""
-        if np.ptp(values) == 0:
-            return Interval(*[float(values[0])] * 3)
-        found = bootstrap((values,), np.mean, n_resamples=4999, rng=0).confidence_interval
-        return Interval(float(values.mean()), float(found.low), float(found.high))
-
-    def __str__(self) -> str:
-        return f"{self.mean:+.4f} [{self.low:+.4f}, {self.high:+.4f}]"
+    return {arm: campaign(flown, first, ARMS[arm], seed) for arm in arms}
 
 
 Cases = Sequence[Mapping[str, Campaign]]
@@ -227,26 +245,31 @@ def trend(cases: Cases, arm: str) -> NDArray[np.float64]:
 def report(title: str, cases: Cases) -> None:
     """Print the arms over some cases."""
     print(f"== {title}: {len(cases)} campaigns; differences of the mean loss of missions 2 to the last")
-    for arm in [each.name for each in ARMS]:
+    arms = list(cases[0])
+    for arm in arms:
         mine = after_first(cases, arm)
-        others = {"first": FIRST_ALONE, "EI": EI.value, "best": BEST.value}
-        gains = [f"to {short} {Interval.of(mine - after_first(cases, name))}" for short, name in others.items()]
+        rivals = {"first": FIRST_ALONE, "EI": EI.value, "best": BEST.value, "no work left out": ARMS[arm].plain}
+        gains = [
+            f"to {short} {paired(mine, after_first(cases, name))}"
+            for short, name in rivals.items()
+            if name in arms and name != arm
+        ]
         late = {key: np.mean([case[arm].given[key][-3:] for case in cases]) for key in (USELESS, HARMFUL)}
         largest = np.mean([case[arm].largest[-3:] for case in cases])
         work = np.mean([sum(case[arm].retrained) for case in cases])
         print(
-            f"{arm:29} {'; '.join(gains)}; trend {Interval.of(trend(cases, arm))}; in the last three missions useless "
-            f"{late[USELESS]:.3f}, harmful {late[HARMFUL]:.3f}, largest {largest:.2f}; {work:.0f} retrainings"
+            f"{arm}: {'; '.join(gains)}; trend {interval(trend(cases, arm))}; in the last three missions useless "
+            f"{late[USELESS]:.3f}, harmful {late[HARMFUL]:.3f}, largest {largest:.2f}; {work:.0f} retrainings",
+            flush=True,
         )
-    lost = after_first(cases, Arm(HEDGE, PRUNING).name) - after_first(cases, HEDGE.value)
-    print(f"{HEDGE.value}: pruned - not {Interval.of(lost)}", flush=True)
 
 
 def run() -> list[Result]:
     """The short form for `make bench`: one drifting field, real where the data is there."""
     name = DATES[0] if (DATA / "corn-cube").is_dir() else "synthetic"
-    cases = [measure((name, tightness, seed, 6)) for tightness in TIGHTNESS for seed in range(3)]
-    command = f"python -m bench.weights --seeds 3 --missions 6 --fields {name}"
+    arms = tuple(arm.name for arm in LEARNERS)
+    cases = [measure((name, tightness, seed, 6, arms)) for tightness in TIGHTNESS for seed in range(3)]
+    command = f"python -m bench.weights --seeds 3 --missions 6 --fields {name} --arms {' '.join(map(repr, arms))}"
     first = (FIRST_ALONE, float(after_first(cases, FIRST_ALONE).mean()))
     losses = {each: float(after_first(cases, each.value).mean()) for each in (EI, UNIFORM, HEDGE, BEST)}
     return [
@@ -259,13 +282,15 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--missions", type=int, default=10)
     parser.add_argument("--fields", nargs="+", default=FIELDS)
+    parser.add_argument("--arms", nargs="+", default=list(ARMS), choices=list(ARMS))
     parser.add_argument("--processes", type=int, default=1)
     arguments = parser.parse_args()
+    arms = tuple(dict.fromkeys([FIRST_ALONE, *arguments.arms]))
     whole: list[dict[str, Campaign]] = []
     with ProcessPoolExecutor(arguments.processes) as pool:
         for name in arguments.fields:
             for tightness in TIGHTNESS:
-                cases = [(name, tightness, seed, arguments.missions) for seed in range(arguments.seeds)]
+                cases = [(name, tightness, seed, arguments.missions, arms) for seed in range(arguments.seeds)]
                 found = list(pool.map(measure, cases))
                 report(f"{name}, goal {tightness:+.2f}", found)
                 whole += found

@@ -1,6 +1,7 @@
 """Which plan scouts best, on fields that none of them has seen?
 
     python -m bench.scouting [--short] [--seeds 10] [--fields ...] [--plans ...] [--agents 4] [--workers 2]
+        [--hows nm kr likely]
 
 Prints what each plan needs for 70, 80 and 90 % accuracy, and accuracy at equal energy with paired differences; writes
 every curve to bench/out/scouting.json and draws them beside it. A field that is flown is never among those that a plan
@@ -12,6 +13,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -26,6 +28,7 @@ from bench.scouting.tables import differences, field_names, means, plan_names, t
 
 OUT = Path(__file__).resolve().parents[1] / "out" / "scouting.json"
 SHORT_SEEDS = 2
+TOLD = (How.NM, How.KR, How.LIKELY)
 
 
 def main() -> None:
@@ -41,18 +44,18 @@ def main() -> None:
             print(f"{done} of {len(wanted)}, {time.perf_counter() - start:.0f} s", file=sys.stderr)
 
     curves = flown(wanted, arguments.workers, told)
-    show(curves, console, arguments.against)
+    show(curves, console, arguments.against, arguments.hows)
     command = "python -m bench.scouting " + " ".join(sys.argv[1:])
     write(arguments.out, curves, command.strip())
-    for how in How:
+    for how in arguments.hows:
         draw(curves, how, arguments.out.with_name(f"{arguments.out.stem}-{how}.png"))
     console.print(f"{len(curves)} curves in {arguments.out}, and pictures beside it; {command}")
 
 
-def show(curves: Curves, console: Console, against: str) -> None:
+def show(curves: Curves, console: Console, against: str, hows: Sequence[How] = TOLD) -> None:
     """Print every table that these curves give."""
     places, names = field_names(curves), plan_names(curves)
-    for how in How:
+    for how in hows:
         for place in places:
             console.print(to_goals(curves, place, how))
         aimed = set(AIMED) <= set(places)
@@ -73,6 +76,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--fields", nargs="+", choices=NAMES)
     parser.add_argument("--plans", nargs="+", choices=list(plans()))
     parser.add_argument("--agents", type=int, default=4)
+    parser.add_argument("--hows", nargs="+", type=How, choices=list(How), default=TOLD, help="maps that are judged")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--against", default="transects, rows", help="the plan that differences are taken to")
     parser.add_argument("--out", type=Path, default=OUT)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from bench.scouting.fields import Field
 from bench.scouting.flight import Flights, thorough_j
 from bench.scouting.plans import Plan
-from fleet.functions.classes import class_mean, likely_values
+from fleet.functions.classes import class_mean, classes, likely_values
 from fleet.functions.evaluation import truth_metrics
 from fleet.functions.extrapolation import neighbour_mean
 from fleet.functions.kriging import krige
@@ -41,6 +41,10 @@ class How(StrEnum):
     """Kriging; the class of the expected value."""
     LIKELY = "likely"
     """Kriging; the most probable class."""
+    KR_OWN = "kr-own"
+    """As `KR`, but the map's classes refer to its own mean, as in flight, where nobody knows the true one."""
+    LIKELY_OWN = "likely-own"
+    """As `LIKELY`, likewise."""
 
 
 ALL = tuple(How)
@@ -153,12 +157,20 @@ def accuracies(field: Field, captured: NDArray[np.bool_], hows: Sequence[How] = 
     found = {}
     if How.NM in hows:
         found[How.NM] = truth_metrics(neighbour_mean(seen, field.grid), environment)["accuracy"]
-    if How.KR in hows or How.LIKELY in hows:
+    if {How.KR, How.LIKELY, How.KR_OWN, How.LIKELY_OWN} & set(hows):
         prediction = krige(seen, field.grid)
-        found[How.KR] = truth_metrics(prediction.values, environment)["accuracy"]
-        likely = likely_values(prediction, class_mean(prediction.values, environment))
-        found[How.LIKELY] = truth_metrics(likely, environment)["accuracy"]
+        true, own = class_mean(prediction.values, environment), float(np.nanmean(prediction.values))
+        for mean, expected, probable in ((true, How.KR, How.LIKELY), (own, How.KR_OWN, How.LIKELY_OWN)):
+            found[expected] = _right(field, classes(prediction.values, mean))
+            found[probable] = _right(field, classes(likely_values(prediction, mean), mean))
     return {how: found[how] for how in hows}
+
+
+def _right(field: Field, predicted: Values) -> float:
+    """Share of the cells whose class is the true one; the true classes refer to the true mean."""
+    truth = field.truth.reshape(predicted.shape)
+    right = predicted == classes(truth, class_mean(truth, field.environment))
+    return float(right[field.grid.valid].mean())
 
 
 def _figures(field: Field, captured: NDArray[np.bool_], hows: Sequence[How]) -> list[float]:

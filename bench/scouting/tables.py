@@ -12,7 +12,7 @@ from bench.scouting.baselines import published
 from bench.scouting.campaign import Curves
 from bench.scouting.fields import AIMED
 from bench.scouting.judge import CHECKPOINTS, Curve, How
-from bench.scouting.statistics import paired
+from bench.statistics import paired
 
 GOALS = (0.7, 0.8, 0.9)
 ENERGIES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
@@ -65,7 +65,7 @@ def means(curves: Curves, how: How) -> Table:
 
 
 def at_energy(curves: Curves, plan: str, places: Sequence[str], energy: float, how: How) -> NDArray[np.float64]:
-    """A plan's accuracy at E for each seed, the mean over some fields, float64 [seeds]."""
+    """A plan's accuracy at E for each seed, the mean over some fields, float64 [seeds], which are what is drawn."""
     at = int(np.argmin(np.abs(CHECKPOINTS - energy)))
     rows = [[curve.accuracy[how][at] for curve in of(curves, plan, place)] for place in places]
     return np.asarray(np.mean(rows, axis=0), dtype=np.float64)

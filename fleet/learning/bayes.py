@@ -228,13 +228,18 @@ def batch_of_improvements(
             kernel, alpha=1e-6, noise="gaussian", n_restarts_optimizer=0, optimizer=_climb
         )
         process.fit(seen[: len(losses)], losses)
-        process.set_params(kernel=process.kernel_, optimizer=None)
+        process.set_params(kernel=_with_noise(process, kernels), optimizer=None)
         for _ in range(count):
             points = np.concatenate([seen, places[chosen]])
             process.fit(points, np.concatenate([losses, np.full(len(points) - len(losses), lie)]))
             mean, deviation = process.predict(places, return_std=True)
             chosen.append(int(np.argmax(_improvement(lie, mean, deviation))))
     return chosen
+
+
+def _with_noise(process: Any, kernels: Any) -> Any:
+    """The kernel of a fitted process as it was fitted: skopt takes the noise out of it, to predict without noise."""
+    return process.kernel_.k1 + kernels.WhiteKernel(process.noise_)
 
 
 def _climb(

@@ -14,14 +14,14 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from llvmlite import ir
 from numpy.typing import NDArray
 
-from fleet.compiled import instruction as _instruction
 from fleet.compiled import part as _part
 from fleet.compiled import program as _program
 from fleet.randomness import GOLDEN_GAMMA, MIX_1, MIX_2
 from fleet.simulator.arrays import WORD_BITS
+from fleet.simulator.bits import leading_zeros as _leading_zeros
+from fleet.simulator.bits import trailing_zeros as _trailing_zeros
 
 _int: Any = np.int64  # Any: numba's integers are not numpy's to a type checker
 _word: Any = np.uint64
@@ -80,26 +80,6 @@ class _State(NamedTuple):
     step: int
     captures: int
     decisions: int
-
-
-@_instruction
-def _trailing_zeros(_context: Any, value: Any) -> Any:
-    """Zeros below the lowest bit that is set, of a uint64; 64 for 0."""
-
-    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 0))
-
-    return value(value), generate
-
-
-@_instruction
-def _leading_zeros(_context: Any, value: Any) -> Any:
-    """Zeros above the highest bit that is set, of a uint64; 64 for 0."""
-
-    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        return builder.ctlz(arguments[0], ir.Constant(ir.IntType(1), 0))
-
-    return value(value), generate
 
 
 @_part

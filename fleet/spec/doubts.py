@@ -8,12 +8,13 @@ from collections.abc import Callable, Iterator
 from fleet.spec.base import ABSOLUTE_LIMIT
 from fleet.spec.findings import Finding, listed
 from fleet.spec.functions import ContextUse
-from fleet.spec.learning import SAKind
+from fleet.spec.learning import SAKind, WeightLearner
 from fleet.spec.platform import UsefulnessScale
 from fleet.spec.resources import Fleet, FleetSpec
 from fleet.spec.rules import SPEC
 from fleet.spec.yaml_text import Path
 
+FROM_REPLAYS_ALONE = frozenset({WeightLearner.MULTIPLICATIVE_WEIGHTS, WeightLearner.BEST_BY_REPLAY})
 SHARES = frozenset({"accuracy", "coverage"})
 """Metrics of the built-in Eval parts that are shares from 0 to 1."""
 
@@ -99,6 +100,15 @@ def _never_happens(fleet: Fleet) -> Iterator[Finding]:
         yield Finding(here, message, f"write at most {epochs}, or more epochs", reads)
 
 
+def _frozen_weights(fleet: Fleet) -> Iterator[Finding]:
+    learning = fleet.online_learning
+    if learning.weights in FROM_REPLAYS_ALONE and learning.replays == 0:
+        here = (*SPEC, "onlineLearning", "replays")
+        message = f"{learning.weights} learns from replays alone; without them every agent keeps its first model"
+        hint = "leave `replays` out, or write `weights: Uniform`"
+        yield Finding(here, message, hint, (here, (*SPEC, "onlineLearning", "weights")))
+
+
 def _percent(fleet: Fleet) -> Iterator[Finding]:
     for index, goal in enumerate(fleet.goals):
         for name, bound in (("atLeast", goal.at_least), ("atMost", goal.at_most)):
@@ -135,6 +145,7 @@ DOUBTS: tuple[Callable[[Fleet], Iterator[Finding]], ...] = (
     _other_kinds_fields,
     _levels,
     _never_happens,
+    _frozen_weights,
     _percent,
     _same_start,
     _loose_image,

@@ -126,7 +126,8 @@ class OnlineLearning(Model):
     replays: int = Field(
         default=16,
         description="Replays of the mission's own records as cheaper observations of the weights; 0 for none. "
-        "MultiplicativeWeights and BestByReplay replay each model once, however many there are.",
+        "MultiplicativeWeights and BestByReplay replay each model once, however many there are, and without replays "
+        "every agent keeps its first model.",
         ge=0,
         le=1024,
     )

@@ -11,7 +11,6 @@ Cesa-Bianchi, Gaillard, Lugosi, Stoltz: Mirror descent meets fixed share, 2012 (
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,27 +24,6 @@ POOLED = 0.5
 
 _EQUAL = 1e-9
 """Losses that differ by no more are equal."""
-
-
-def losses_alone(
-    points: NDArray[np.float64],
-    losses: NDArray[np.float64],
-    replay: Callable[[NDArray[np.float64]], Sequence[float]] | None,
-) -> NDArray[np.float64]:
-    """What each model alone is believed to lose.
-
-    Args:
-        points: Weights that an agent flew with, in the order of missions, float64 [missions, models]; rows sum to 1.
-        losses: Its losses, float64 [missions].
-        replay: From weights [n, models] to the losses of the last mission with them; None when it cannot be replayed.
-    Returns:
-        float64 [models]. Without replays each mission's loss counts for the models that flew, by their weights, and
-        once for every model what was lost on the mean.
-    """
-    if replay is not None:
-        return np.asarray(replay(np.eye(points.shape[1])), dtype=np.float64)
-    weight = points.sum(axis=0)
-    return np.asarray((points.T @ losses + losses.mean()) / (weight + 1.0))
 
 
 def pooled(losses: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -5,7 +5,8 @@ replays of the last mission as more and noisier ones. With 16 models and a few m
 expected improvement alone would try one corner of the simplex after the other. So the next weights lie at most
 `LARGEST_STEP` of the way from the best that was flown; while only one point is known, they move a little towards all
 models alike. Replays help it or do no harm (`python -m bench.replays`); without them it is no better than keeping the
-first weights. The other learners look at each model alone; see `usefulness.experts`.
+first weights. The other learners look at each model alone (`usefulness.experts`), by replays; without them weights
+stay.
 
 Source: paper, section "Bayesian optimization for system-level hyperparameters".
 """
@@ -21,7 +22,7 @@ from fleet.missions.documents import INITIAL
 from fleet.randomness import named_seed
 from fleet.spec.learning import OnlineLearning, WeightLearner
 from fleet.usefulness.candidates import LARGEST_STEP, around, directions, replayed
-from fleet.usefulness.experts import best_alone, exponential_weights, losses_alone, pooled
+from fleet.usefulness.experts import best_alone, exponential_weights, pooled
 from fleet.usefulness.history import History, Observation, Weights
 
 Replay = Callable[[str, Sequence[Weights]], Sequence[float]]
@@ -135,24 +136,22 @@ def _by_losses(
     keys: Sequence[str],
     replay: Replay | None,
 ) -> list[NDArray[np.float64]]:
-    """The next point of each agent, by a rule from its last one and from what each model alone would lose."""
-    lasts, losses = [], []
-    for agent in agents:
-        flown = history.of(agent) or (Observation(0, agent, {INITIAL: 1.0}, 0.0),)
-        points = np.array([_point(each.weights, keys) for each in flown])
-        own = _of(agent, replay) if history.of(agent) else None
-        lasts.append(points[-1])
-        losses.append(losses_alone(points, np.array([each.loss for each in flown]), _at(keys, own)))
-    return [
-        rule(last, loss) if history.of(agent) else last  # who has not flown knows nothing of the models
-        for agent, last, loss in zip(agents, lasts, pooled(np.array(losses)), strict=True)
-    ]
+    """The next point of each agent, by a rule from its last one and from what each model alone would lose.
+
+    Without replays nobody knows what a model alone would lose, and weights stay. To learn it from missions would take
+    flights with each model, and most of them are worse than what they would teach.
+    """
+    lasts = [_last(history.of(agent), keys) for agent in agents]
+    if replay is None or not history.observations:
+        return lasts
+    alone = [_weights_at(point, keys) for point in np.eye(len(keys))]
+    losses = np.array([replay(agent, alone) for agent in agents], dtype=np.float64)
+    return [rule(last, loss) for last, loss in zip(lasts, pooled(losses), strict=True)]
 
 
-def _at(
-    keys: Sequence[str], replay: Callable[[Sequence[Weights]], Sequence[float]] | None
-) -> Callable[[NDArray[np.float64]], Sequence[float]] | None:
-    return None if replay is None else lambda points: replay([_weights_at(point, keys) for point in points])
+def _last(flown: Sequence[Observation], keys: Sequence[str]) -> NDArray[np.float64]:
+    """What an agent flew with last, on the simplex of today's models."""
+    return _point(flown[-1].weights if flown else {INITIAL: 1.0}, keys)
 
 
 def _point(weights: Weights, keys: Sequence[str]) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from fleet.spec.learning import OnlineLearning, WeightLearner
 from fleet.usefulness.candidates import LARGEST_STEP, around, directions, replayed
-from fleet.usefulness.experts import HORIZON, POOLED, best_alone, exponential_weights, losses_alone, pooled
+from fleet.usefulness.experts import HORIZON, POOLED, best_alone, exponential_weights, pooled
 from fleet.usefulness.history import History, Observation, Weights
 from fleet.usefulness.weights import FIRST_STEP, first_weights, propose_weights, usefulness
 
@@ -206,11 +206,11 @@ def test_a_model_that_becomes_the_best_gets_the_weight(learning: OnlineLearning)
 
 
 @pytest.mark.parametrize("learning", [HEDGE, BEST])
-def test_without_replays_missions_count_for_the_models_that_flew(learning: OnlineLearning) -> None:
-    history = flown((at([1.0, 0.0, 0.0, 0.0]), 0.9), (at([0.0, 1.0, 0.0, 0.0]), 0.3), (at([0.2, 0.2, 0.6, 0.0]), 1.2))
-    found = propose_weights(history, MODELS, ["agent-1"], learning, seed=0)["agent-1"]
-    assert found["1"] > 0.25
-    assert found["2"] < 0.5
+def test_what_cannot_be_replayed_leaves_the_weights_as_they_are(learning: OnlineLearning) -> None:
+    last = at([0.2, 0.2, 0.6, 0.0])
+    history = flown((INITIAL, 0.9), (at([0.0, 1.0, 0.0, 0.0]), 0.3), (last, 1.2))
+    found = propose_weights(history, MODELS, ["agent-1"], learning, seed=0, replay=None)
+    assert found == {"agent-1": last}
 
 
 def test_a_fleet_that_wants_no_replays_is_not_replayed() -> None:
@@ -219,7 +219,8 @@ def test_a_fleet_that_wants_no_replays_is_not_replayed() -> None:
 
     for learner in (HEDGE, BEST):
         none = learner.model_copy(update={"replays": 0})
-        propose_weights(flown((INITIAL, 0.5)), MODELS, ["agent-1"], none, seed=0, replay=never)
+        found = propose_weights(flown((INITIAL, 0.5)), MODELS, ["agent-1"], none, seed=0, replay=never)
+        assert found == {"agent-1": INITIAL}
 
 
 @given(st.lists(st.integers(0, 10), min_size=1, max_size=8).filter(any), st.floats(-3, 3))
@@ -280,13 +281,14 @@ def test_what_one_agent_sees_counts_half_for_itself_and_half_for_the_mean() -> N
     np.testing.assert_allclose(pooled(losses[:1]), losses[:1])
 
 
-def test_each_model_is_replayed_alone() -> None:
-    asked: list[np.ndarray] = []
+@pytest.mark.parametrize("learning", [HEDGE, BEST])
+def test_each_model_is_replayed_alone_for_each_agent(learning: OnlineLearning) -> None:
+    asked: list[tuple[str, Sequence[Weights]]] = []
 
-    def replay(points: np.ndarray) -> list[float]:
-        asked.append(points)
-        return [0.3, 0.1, 0.2]
+    def replay(agent: str, candidates: Sequence[Weights]) -> list[float]:
+        asked.append((agent, candidates))
+        return [0.3, 0.1, 0.2, 0.4]
 
-    found = losses_alone(np.array([[1.0, 0.0, 0.0]]), np.array([0.5]), replay)
-    assert np.array_equal(asked, [np.eye(3)])
-    assert found.tolist() == [0.3, 0.1, 0.2]
+    propose_weights(flown((INITIAL, 0.5)), MODELS, AGENTS, learning, seed=0, replay=replay)
+    alone = [{key: float(key == one) for key in sorted(MODELS)} for one in sorted(MODELS)]
+    assert asked == [(agent, alone) for agent in AGENTS]

@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import norm
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
 
 from fleet.errors import TrainingError
 from fleet.learning.bayes import (
+    LENGTHS,
     NEAR,
     SAMPLES,
     Dimension,
@@ -193,3 +197,29 @@ def test_expected_improvement_is_the_same_for_a_seed_and_defined_for_one_observa
     np.testing.assert_array_equal(one, other)
     alone = expected_improvement(points[:1], losses[:1], noise[:1], candidates, 5)
     assert np.isfinite(alone).all()
+
+
+def one_by_one(seen: np.ndarray, losses: np.ndarray, places: np.ndarray, count: int) -> list[int]:
+    """The naive form: the noise is a parameter like the others, and each choice solves for all that is open."""
+    scaled = (losses - losses.mean()) / losses.std()
+    shape = ConstantKernel(1.0, (0.05, 20.0)) * Matern(np.full(seen.shape[1], 0.5), LENGTHS)
+    fitted = GaussianProcessRegressor(shape + WhiteKernel(), alpha=1e-6).fit(seen, scaled).kernel_
+    chosen: list[int] = []
+    for _ in range(count):
+        points = np.concatenate([seen, places[chosen]])
+        told = np.concatenate([scaled, np.full(len(chosen), scaled.min())])
+        across = fitted.k1(places, points)
+        solved = np.linalg.solve(fitted(points) + 1e-6 * np.eye(len(points)), np.column_stack([told, across.T]))
+        mean, variance = across @ solved[:, 0], fitted.k1.diag(places) - (across * solved[:, 1:].T).sum(axis=1)
+        deviation = np.sqrt(variance)
+        z = (scaled.min() - mean) / deviation
+        chosen.append(int(np.argmax((scaled.min() - mean) * norm.cdf(z) + deviation * norm.pdf(z))))
+    return chosen
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_every_point_of_a_batch_is_chosen_with_the_noise_that_was_fitted(seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    seen, places = generator.random((40, 2)), generator.random((200, 2))
+    losses = ((seen - 0.4) ** 2).sum(axis=1) + 0.1 * generator.normal(size=40)
+    assert batch_of_improvements(seen, losses, places, 4) == one_by_one(seen, losses, places, 4)

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from bench.missions import World, alone, objective, trained, world_of
-from bench.replays import HARMFUL, USELESS
-from bench.weights import BEST, HEDGE, PRUNING, Arm, Interval, campaign, drifting, planted
+from bench.replays import HARMFUL, USELESS, subsets
+from bench.weights import BEST, HEDGE, PRUNING, Arm, campaign, drifting, planted
 from fleet.learning.model import SAModel
 from fleet.missions.documents import INITIAL
 from fleet.spec.learning import WeightLearner
+from fleet.spec.platform import UsefulnessScale
 
 MISSIONS = 6
 FAIR = 1.0 / 18.0
@@ -65,10 +66,20 @@ def test_a_field_drifts_further_with_every_mission_and_truth_with_what_is_seen()
     assert np.corrcoef(drift[both], seen[both])[0, 1] > 0.9
 
 
-def test_an_interval_holds_the_mean_and_is_that_of_the_normal_distribution_for_many_values() -> None:
-    values = np.random.default_rng(0).normal(2.0, 1.0, size=400)
-    found = Interval.of(values)
-    reach = 1.96 * values.std() / 20.0
-    assert found.mean == pytest.approx(values.mean())
-    assert (found.low, found.high) == pytest.approx((found.mean - reach, found.mean + reach), abs=0.02)
-    assert Interval.of(np.full(5, 0.25)) == Interval(0.25, 0.25, 0.25)
+def test_models_of_level_0_are_suspended_and_those_that_never_flew_are_retrained() -> None:
+    useful = {INITIAL: 0.5, "1": 0.04, "2": 0.06, "1-2": None, HARMFUL: 0.4}
+    keys = [subset.key for subset in subsets()]
+    absolute, relative = (Arm(HEDGE, scale=scale) for scale in UsefulnessScale)
+    assert [subset.key for subset in absolute.retrained([])] == keys
+    assert [subset.key for subset in absolute.retrained([useful])] == [key for key in keys if key != "1"]
+    assert [subset.key for subset in relative.retrained([useful])] == keys
+    assert "1" not in [subset.key for subset in relative.retrained([useful | {INITIAL: 0.9}])]
+
+
+@pytest.mark.parametrize("scale", UsefulnessScale)
+def test_with_levels_fewer_models_are_retrained_and_the_others_fly_as_they_were(scale: UsefulnessScale) -> None:
+    worlds, models = field(2)
+    flown = campaign(worlds, models, Arm(HEDGE, scale=scale), 2)
+    assert flown.retrained[:1] == [15]
+    assert min(flown.retrained) < 15
+    assert len(flown.losses) == MISSIONS

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from bench.scouting.campaign import Job, flown, jobs, read, write
 from bench.scouting.fields import REAL, Field, data_folder, field, noise
@@ -16,7 +15,8 @@ from bench.scouting.flight import flown as flight_of
 from bench.scouting.judge import CHECKPOINTS, Curve, How, accuracies, along, judged, over_budgets, progress
 from bench.scouting.paths import serpentine, shared_out
 from bench.scouting.rivals.lines import Lawnmower, Transects
-from bench.scouting.statistics import interval, paired
+from fleet.functions.classes import classes, likely_values
+from fleet.functions.kriging import krige
 
 CELLS = {"2018-06-01": 2106, "2018-08-02": 1278, "2018-09-16": 1787, "gartner": 2740, "lasrosas": 638}
 
@@ -81,6 +81,20 @@ def test_a_map_of_nothing_is_wrong_everywhere_and_a_full_one_nowhere() -> None:
     assert accuracies(field, ~none) == dict.fromkeys(How, 1.0)
 
 
+def test_classes_refer_to_the_true_mean_or_to_that_of_the_map() -> None:
+    field = smooth_field()
+    poor = field.truth < np.quantile(field.truth, 0.3)  # who has seen these only takes the field for poor
+    found = accuracies(field, poor)
+    prediction = krige(field.seen(poor), field.grid)
+    truth = field.truth.reshape(prediction.values.shape)
+    own = float(prediction.values.mean())
+    assert own < 0.9 * truth.mean()
+    for mean, expected, probable in ((truth.mean(), How.KR, How.LIKELY), (own, How.KR_OWN, How.LIKELY_OWN)):
+        for how, values in ((expected, prediction.values), (probable, likely_values(prediction, mean))):
+            assert found[how] == pytest.approx((classes(values, mean) == classes(truth, truth.mean())).mean())
+    assert found[How.KR_OWN] != found[How.KR]
+
+
 def test_budgets_are_judged_at_the_end_of_each_mission() -> None:
     field = smooth_field()
     plan = Transects(along_rows=True)
@@ -124,51 +138,6 @@ def test_accuracy_at_equal_cells_is_read_between_the_points() -> None:
     curve = curve_of([0.5, 1.0])
     assert curve.at_cells(0.51, How.KR) == pytest.approx(0.75)
     assert np.isnan(curve.at_cells(1.5, How.KR))
-
-
-def test_intervals_are_those_of_the_t_distribution_for_normal_values() -> None:
-    values = np.random.default_rng(3).normal(0.02, 0.01, 200)
-    found = interval(values)
-    low, high = stats.t.interval(0.95, 199, values.mean(), stats.sem(values))
-    assert (found.mean, found.low, found.high) == pytest.approx((values.mean(), low, high), abs=1e-4)
-    mirrored = interval(-values)
-    assert (mirrored.low, mirrored.high) == pytest.approx((-found.high, -found.low), abs=1e-4)
-    assert found.certain
-
-
-@pytest.mark.parametrize("skewed", [False, True])
-def test_intervals_of_ten_seeds_hold_the_true_mean_as_often_as_they_say(skewed: bool) -> None:
-    generator = np.random.default_rng(4)
-    draw = generator.exponential if skewed else (lambda mean, count: generator.normal(mean, 1.0, count))
-    trials = [draw(1.0, 10) for _ in range(300)]
-    held = np.mean([(found := interval(values)).low <= 1.0 <= found.high for values in trials])
-    plain = [stats.bootstrap((values,), np.mean, n_resamples=499, method="BCa", rng=1) for values in trials[:150]]
-    held_by_bca = np.mean([each.confidence_interval.low <= 1.0 <= each.confidence_interval.high for each in plain])
-    assert 0.92 <= held <= 0.98
-    assert held > held_by_bca
-
-
-def test_with_few_seeds_the_interval_is_that_of_the_t_distribution() -> None:
-    values = np.array([0.1, 0.3, 0.2])
-    found = interval(values)
-    assert (found.low, found.high) == pytest.approx(stats.t.interval(0.95, 2, values.mean(), stats.sem(values)))
-    assert not interval(values[:1]).certain
-
-
-def test_pairs_take_out_what_seeds_have_in_common() -> None:
-    generator = np.random.default_rng(5)
-    hard = generator.normal(0, 1.0, 10)
-    found = paired(hard + 0.1 + generator.normal(0, 0.01, 10), hard)
-    assert found.certain
-    assert found.mean == pytest.approx(0.1, abs=0.02)
-
-
-def test_pairs_without_a_figure_are_left_out_and_equal_ones_have_no_width() -> None:
-    found = paired(np.array([1.0, 2.0, np.nan]), np.array([0.5, 1.5, 1.0]))
-    assert (found.mean, found.low, found.high, found.pairs) == (0.5, 0.5, 0.5, 2)
-    assert paired(np.array([np.nan]), np.array([1.0])).pairs == 0
-    with pytest.raises(ValueError, match="cannot be paired"):
-        paired(np.zeros(2), np.zeros(3))
 
 
 def test_results_are_read_as_they_were_written(tmp_path: Path) -> None:

@@ -26,8 +26,8 @@ from bench.scouting.rivals.greedy import _along_legs, _distances, doubt, mistake
 from bench.scouting.rivals.groups import ClassicRL, Groups, others
 from bench.scouting.rivals.lines import Transects
 from bench.scouting.rivals.tours import RandomTour
-from bench.scouting.statistics import paired
 from bench.scouting.tables import at_energy
+from bench.statistics import paired
 from fleet.contexts.grid import Grid
 
 SMALL = (24, 30)
@@ -173,7 +173,7 @@ def test_tables_and_pictures_hold_what_was_reached(capsys: pytest.CaptureFixture
     }
     program.show(curves, Console(width=200), "transects, rows")
     text = capsys.readouterr().out
-    assert text.count("planted, ") == text.count("minus transects, rows") == len(How)
+    assert text.count("planted, ") == text.count("minus transects, rows") == len(program.TOLD)
     for suffix in ("png", "svg"):
         draw(curves, How.KR, tmp_path / f"curves.{suffix}")
     assert (tmp_path / "curves.png").read_bytes().startswith(b"\x89PNG")
@@ -223,7 +223,8 @@ def test_the_program_writes_every_curve_and_a_picture_for_each_way_to_judge(
     monkeypatch.setattr("sys.argv", [*command.split(), str(out)])
     program.main()
     assert list(read(out)) == [Job("lawnmower", "noise", 2, seed) for seed in (0, 1)]
-    assert sorted(path.name for path in out.parent.glob("*.png")) == [f"scouting-{how}.png" for how in sorted(How)]
+    drawn = [path.name for path in out.parent.glob("*.png")]
+    assert sorted(drawn) == [f"scouting-{how}.png" for how in sorted(program.TOLD)]
     assert "2 of 2" in capsys.readouterr().err
 
 

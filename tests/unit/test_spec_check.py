@@ -195,6 +195,11 @@ DOUBTFUL: list[tuple[dict[str, Any], str, str]] = [
         "no model is pruned: that takes 3 missions, and there are only 3",
     ),
     (
+        {"onlineLearning": {"replays": 0}},
+        "spec.onlineLearning.replays",
+        "MultiplicativeWeights learns from replays alone; without them every agent keeps its first model",
+    ),
+    (
         {"rewardShaping": {"epochs": 2}},
         "spec.rewardShaping.batch",
         "4 parameter sets are simulated side by side, and there are only 2 epochs",
@@ -228,6 +233,7 @@ def test_doubtful_specs_are_taken_with_a_warning(spec: dict[str, Any], path: str
     [
         {"sa": {"kind": "Planner", "feature": "exg"}, "ha": {"caution": 0.5, "confidence": 0.8}},
         {},
+        {"onlineLearning": {"replays": 0, "weights": "ExpectedImprovement"}},
         {"map": {"image": "host:5000/map:1.2"}},
         {"map": {"image": "farm/map@sha256:0123"}},
     ],

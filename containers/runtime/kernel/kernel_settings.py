@@ -1,8 +1,8 @@
-"""In the runtime image, lets roles use the simulator's kernel as it was compiled with the image.
+"""In the runtime image, lets roles use the kernels as they were compiled with the image.
 
-numba needs three seconds and 70 MB for it, in each trainer and each aggregator. Its cache is good for one kind of
-processor: this one is for x86-64-v2, which costs the kernel nothing, as it works on bits. A processor that lacks
-something of that has the kernel compiled at the first use, as does any other architecture.
+numba needs seconds and 70 MB for each, in every pod that flies, trains or aggregates. Its cache is good for one kind of
+processor: this one is for x86-64-v2, which costs the kernels next to nothing: they work on bits, or on one number at a
+time. A processor that lacks something of that has them compiled at the first use, as does any other architecture.
 
 Source: x86-64 psABI, "Micro-Architecture Levels"; numba reference, NUMBA_CPU_NAME, NUMBA_CACHE_LOCATOR_CLASSES.
 """

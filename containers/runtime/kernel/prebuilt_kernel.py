@@ -1,4 +1,4 @@
-"""Where numba finds the kernel that was compiled with the image."""
+"""Where numba finds the kernels that were compiled with the image."""
 
 import tempfile
 from pathlib import Path
@@ -13,12 +13,13 @@ class Locator(UserWideCacheLocator):  # type: ignore[misc]  # numba has no types
 
     @classmethod
     def from_function(cls, py_func: Any, py_file: str) -> Any:
-        """A locator for the kernel; None for any other function, which numba's own locators then serve."""
-        if not py_file.endswith("/fleet/simulator/kernel.py"):
+        """A locator for functions of a file's folder; None where nothing is prebuilt: numba's own locators serve it."""
+        prebuilt = Path(FOLDER) / cls.get_suitable_cache_subpath(py_file)
+        if not prebuilt.is_dir():
             return None
         locator = super().from_function(py_func, py_file)
         if locator is not None:
-            for source in sorted(Path(FOLDER).iterdir()):
+            for source in sorted(prebuilt.iterdir()):
                 _copy(source, Path(locator.get_cache_path()) / source.name)
         return locator
 

@@ -1,11 +1,14 @@
 """Is a difference more than chance: paired differences with bootstrap intervals.
 
-Both plans fly the same field with the same seed, so what a seed makes easy or hard falls out of their difference. A
-figure over several fields is the mean over the fields for each seed; seeds are what is drawn anew.
+Both rivals get the same field and the same seed, so what a seed makes easy or hard falls out of their difference.
 
 Intervals are studentised: each draw's mean is measured in the draw's own standard error. With ten seeds they hold the
 true mean as often as they say, for normal and for skewed values, and BCa intervals do so less often (the test of this
-module counts both). Source: Efron and Tibshirani 1993, An Introduction to the Bootstrap, section 12.5.
+module counts both). A draw's standard error counts as at least `STEADY` of that of the values: where one seed is unlike
+all others, draws without it would have hardly any, and the interval no end. That costs no coverage: for ten values of
+normal, exponential and log-normal distributions intervals hold the mean as often with it as without.
+
+Source: Efron and Tibshirani 1993, An Introduction to the Bootstrap, section 12.5.
 """
 
 from __future__ import annotations
@@ -21,6 +24,8 @@ LEVEL = 0.95
 RESAMPLES = 9_999
 FEWEST = 5
 """With fewer values there is nothing to draw from, and the interval is that of the t distribution."""
+STEADY = 0.2
+"""Least standard error of a draw, as a share of that of the values."""
 Values = NDArray[np.float64]
 
 
@@ -37,6 +42,9 @@ class Interval:
     low: float
     high: float
     pairs: int
+
+    def __str__(self) -> str:
+        return f"{self.mean:+.4f} [{self.low:+.4f}, {self.high:+.4f}]"
 
     @property
     def certain(self) -> bool:
@@ -77,8 +85,7 @@ def _studentised(values: Values, seed: int) -> tuple[float, float]:
     """Quantiles of (mean of a draw - mean) / standard error of the draw."""
     draws = values[np.random.default_rng(seed).integers(0, len(values), (RESAMPLES, len(values)))]
     errors = draws.std(axis=1, ddof=1) / len(values) ** 0.5
-    known = errors > 1e-9 * values.std()
-    deviations = (draws.mean(axis=1)[known] - values.mean()) / errors[known]
+    deviations = (draws.mean(axis=1) - values.mean()) / np.maximum(errors, STEADY * float(stats.sem(values)))
     low, high = np.quantile(deviations, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
     return float(low), float(high)
 
