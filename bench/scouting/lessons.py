@@ -154,10 +154,15 @@ def contexts(name: str) -> tuple[list[Field], list[Field]]:
 
 def terrain(fleet: Fleet, place: Field, features: tuple[str, ...]) -> Terrain:
     """A field as missions see it, its features in standard deviations from their mean."""
-    columns = [place.truth] if features == QUANTITY else list(_corn_columns(place.name))
-    ssv = np.column_stack([(column - np.nanmean(column)) / np.nanstd(column) for column in columns])
+    found = quantities(place, features)
+    ssv = (found - np.nanmean(found, axis=0)) / np.nanstd(found, axis=0)
     layout = plan_layout(place.grid, fleet.state_space, fleet.agents.resolved)
     return Terrain(place.environment, features, ssv, layout)
+
+
+def quantities(place: Field, features: tuple[str, ...]) -> Values:
+    """The features of each cell in their own units, the quantity first, float64 [cells, features]; NaN without data."""
+    return np.column_stack([place.truth] if features == QUANTITY else _corn_columns(place.name))
 
 
 @cache

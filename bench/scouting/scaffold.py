@@ -15,7 +15,9 @@ import numpy as np
 from bench.scouting.fields import Field
 from bench.scouting.flight import ENERGY, thorough_j
 from bench.scouting.judge import How, accuracies
-from bench.scouting.lessons import Course, Learned, learn
+from bench.scouting.lessons import QUANTITY, Course, Learned, fleet_of, learn, terrain
+from fleet.learning.models import blank_model
+from fleet.learning.reward import Normaliser, RewardModel
 from fleet.learning.score_tables import ALONE, NEVER, Flights, batch_of, score_table
 from fleet.missions.documents import INITIAL
 from fleet.simulator.batch import Flown, fly
@@ -80,14 +82,15 @@ class Way:
 
 def flown(learned: Learned, ways: Sequence[Way]) -> list[Outcome]:
     """One mission in each way over the field that nothing was learned on."""
-    terrain = learned.terrain
-    table = score_table({INITIAL: learned.model}, ALONE, terrain)
+    ground = learned.terrain
+    table = score_table({INITIAL: learned.model}, ALONE, ground)
     found = []
     for way in ways:
         utility, visited = way.thresholds or (learned.reward.utility_threshold, learned.reward.visited_threshold)
         reward = learned.reward.model_copy(update={"utility_threshold": utility, "visited_threshold": visited})
         flights = Flights(exploration=way.exploration, seed=way.seed)
-        found.append(judged(Field(terrain.environment), fly(terrain.layout, batch_of(table, reward, terrain, flights))))
+        mission = fly(ground.layout, batch_of(table, reward, ground, flights))
+        found.append(judged(Field(ground.environment), mission))
     return found
 
 
@@ -115,10 +118,22 @@ def judged(place: Field, mission: Flown) -> Outcome:
     )
 
 
-def sweep(learned: Learned) -> list[Outcome]:
+def sweep(learned: Learned, exploration: float = 0.0, seed: int = 0) -> list[Outcome]:
     """Missions that capture ever more cells of each group, the same number in all: from 1 to all."""
-    groups = learned.terrain.layout.groups
-    return flown(learned, [Way(thresholds=(NEVER[0], last)) for last in range(max(map(len, groups)))])
+    most = max(len(cells) for cells in learned.terrain.layout.groups)
+    return flown(learned, [Way(exploration, (NEVER[0], last), seed) for last in range(most)])
+
+
+def untaught(place: Field, agents: int) -> Learned:
+    """A swarm that has learned nothing: its scores are all alike."""
+    fleet = fleet_of(Course(place.name, agents, goal=1.0))
+    normaliser = Normaliser(low=(0.0,), high=(1.0,))
+    utility, visited = NEVER
+    reward = RewardModel(
+        features=QUANTITY, weights=(0.0,), normaliser=normaliser, utility_threshold=utility,
+        visited_threshold=visited, loss=0.0, goals_met=False,
+    )  # fmt: skip
+    return Learned(reward, blank_model(fleet.sa, QUANTITY, normaliser, 0), terrain(fleet, place, QUANTITY))
 
 
 def at(swept: Sequence[Outcome], figure: str, value: float) -> Outcome:
