@@ -43,7 +43,7 @@ from fleet.spec.learning import WeightLearner
 OUT = Path(__file__).resolve().parents[1] / "out" / "online.json"
 Values = NDArray[np.float64]
 GOALS = (0.75, 0.8, 0.85, 0.9, 0.95)
-AGENTS = 4
+AGENTS, MISSIONS = 4, 10
 WITHOUT = Arm(None)
 ARMS = (WITHOUT, Arm(WeightLearner.EXPECTED_IMPROVEMENT), Arm(WeightLearner.MULTIPLICATIVE_WEIGHTS))
 Accuracies = Mapping[str, Sequence[float]]
@@ -137,6 +137,12 @@ def write(path: Path, found: Mapping[Course, Accuracies], command: str) -> None:
     path.write_text(json.dumps({"command": command, "runs": runs}) + "\n", encoding="utf-8")
 
 
+def read(path: Path) -> dict[Course, Accuracies]:
+    """What `write` wrote."""
+    runs = json.loads(path.read_text(encoding="utf-8"))["runs"]
+    return {Course(run["field"], AGENTS, run["goal"], seed=run["seed"]): run["accuracy"] for run in runs}
+
+
 def main() -> None:
     """Learn, fly, print and write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -156,7 +162,7 @@ def main() -> None:
         for name in arguments.fields
         for seed in seeds
     ]
-    found = measured(courses, arguments.missions or (5 if short else 10), arguments.workers)
+    found = measured(courses, arguments.missions or (5 if short else MISSIONS), arguments.workers)
     write(arguments.out, found, " ".join(["python", *sys.orig_argv[1:]]))
     Console(width=None if sys.stdout.isatty() else 160).print(table(found))
 
