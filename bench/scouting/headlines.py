@@ -1,7 +1,7 @@
 """The paper's headline figures for crop scouting, measured with our code.
 
     python -m bench.scouting.headlines [--short] [--seeds 10] [--workers 2] [--paper bench/out/paper.json]
-        [--online bench/out/online.json]
+        [--online bench/out/online.json] [--no-online]
 
 Missions of `python -m bench.scouting.paper` and of `python -m bench.scouting.online` are read from their files where
 these are given, and else flown here. Two swarms are measured: the paper's, with what it learned on other fields, and
@@ -188,6 +188,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--paper", type=Path, help="results of bench.scouting.paper")
     parser.add_argument("--online", type=Path, help="results of bench.scouting.online")
+    parser.add_argument("--no-online", action="store_true", help="leave learning between missions out")
     arguments = parser.parse_args()
     seeds = range(arguments.seeds or (2 if arguments.short else 10))
     settings = paper.QUICK if arguments.short else {}
@@ -201,6 +202,8 @@ def main() -> None:
         for hovering in (True, False):
             console.print(figures(found, hovering, how))
     console.print(by_itself(results))
+    if arguments.no_online:
+        return
     goals, missions = (GOALS[:1], 4) if arguments.short else (online.GOALS, online.MISSIONS)
     learning = online.read(arguments.online) if arguments.online else online.measured(
         [Course(name, online.AGENTS, goal, seed=seed, settings=settings)
