@@ -78,7 +78,7 @@ def of_arms(results: Results, goal: float, agents: int) -> Table:
     """What each arm reached at its end, and its difference to the paper's."""
     table = Table(
         "arm", "accuracy nm/kr", "goal met", "cells", "E", "time, s", "slowest/mean", "nm - paper's, points",
-        "kr - paper's, points", "E - paper's, %", title=f"goal {goal:.0%}, {agents} agents",
+        "kr - paper's, points", "E - paper's, hundredths", title=f"goal {goal:.0%}, {agents} agents",
     )  # fmt: skip
     for arm in results.flown(agents):
         nm, kr, cells, energy, time_s, balance = (
