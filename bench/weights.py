@@ -120,12 +120,14 @@ class Campaign:
         given: Mean weight of the useless and of the harmful model.
         largest: Mean of the largest weight that each agent gave: how far weights are concentrated.
         retrained: Models that were retrained after it.
+        accuracies: Of the mission's map.
     """
 
     losses: list[float] = field(default_factory=list)
     given: dict[str, list[float]] = field(default_factory=lambda: {USELESS: [], HARMFUL: []})
     largest: list[float] = field(default_factory=list)
     retrained: list[int] = field(default_factory=list)
+    accuracies: list[float] = field(default_factory=list)
 
 
 def drifting(worlds: Sequence[World], missions: int, seed: int) -> Iterator[World]:
@@ -181,6 +183,7 @@ def campaign(worlds: Sequence[World], first: dict[str, SAModel], arm: Arm, seed:
 
 def _note(result: Campaign, outcome: Outcome, weights: Mapping[str, Mapping[str, float]]) -> None:
     result.losses.append(outcome.smooth)
+    result.accuracies.append(outcome.accuracy)
     result.largest.append(float(np.mean([max(own.values()) for own in weights.values()])))
     for key in (USELESS, HARMFUL):
         result.given[key].append(float(np.mean([own.get(key, 0.0) for own in weights.values()])))
