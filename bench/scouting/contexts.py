@@ -32,10 +32,9 @@ from bench.scouting.campaign import known
 from bench.scouting.fields import AIMED, NAMES
 from bench.scouting.gains import Gains, gains, learned, missions
 from bench.scouting.informed import ENERGIES, HOWS, NOTHING, Mission, Prior, accuracy, variogram_of
-from bench.scouting.statistics import paired
 from bench.scouting.tables import points
-from fleet.planning.interest import InterestWeights
-from fleet.planning.swarm import Tactics
+from bench.statistics import paired
+from fleet.planning.tactics import InterestWeights, Tactics
 
 OUT = Path(__file__).resolve().parents[1] / "out" / "contexts.json"
 Values = NDArray[np.float64]

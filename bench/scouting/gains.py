@@ -19,8 +19,9 @@ from bench.scouting.campaign import known
 from bench.scouting.informed import Mission, scouted
 from fleet.functions.classes import class_mean, classes, likely_values
 from fleet.functions.kriging import Variogram
-from fleet.planning.interest import FEW, InterestWeights, interest
-from fleet.planning.swarm import Swarm, Tactics
+from fleet.planning.interest import FEW, interest
+from fleet.planning.swarm import Swarm
+from fleet.planning.tactics import InterestWeights, Tactics
 
 Values = NDArray[np.float64]
 FEATURES = tuple(InterestWeights.model_fields)

@@ -33,7 +33,7 @@ from bench.scouting.judge import How
 from bench.scouting.lessons import Course
 from bench.scouting.rivals.lines import Lawnmower
 from bench.scouting.scaffold import Arm, at
-from bench.scouting.statistics import interval
+from bench.statistics import interval
 
 Values = NDArray[np.float64]
 GOALS = (0.7, 0.9)

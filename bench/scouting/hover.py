@@ -27,7 +27,9 @@ from bench.scouting.flight import ENERGY, Flights, flown, thorough_j
 from bench.scouting.judge import How, along, progress
 from bench.scouting.rivals.groups import ClassicRL
 from bench.scouting.scaffold import at, sweep, untaught
-from fleet.planning.swarm import Scout, Swarm, Tactics
+from fleet.planning.scouting import Scout
+from fleet.planning.swarm import Swarm, scattered
+from fleet.planning.tactics import Tactics
 
 Flags = NDArray[np.bool_]
 Share = tuple[float, float]
@@ -60,12 +62,13 @@ class Watched(Swarm):
     """A swarm that remembers where each agent looked for its next path."""
 
     def __init__(self, place: Field, agents: int, seed: int) -> None:
-        super().__init__(place.grid, ENERGY, agents, Tactics(), seed)
+        super().__init__(place.grid, ENERGY, scattered(place.grid, agents, seed), Tactics())
         self.looks: list[list[int]] = [[] for _ in self.scouts]
 
     def choose_path(self, scout: Scout) -> tuple[int, ...]:
         """As ever."""
-        self.looks[self.scouts.index(scout)].append(len(scout.cells) - 1)
+        index = self.scouts.index(scout)
+        self.looks[index].append(len(self.traces[index].cells) - 1)
         return super().choose_path(scout)
 
 
@@ -73,10 +76,10 @@ def planned(place: Field, agents: int, seed: int, wait_s: float = WAIT_S) -> Ask
     """The planned swarm; each agent hovers where it looks."""
     swarm = Watched(place, agents, seed)
     swarm.fly(lambda cell: float(place.truth[cell]))
-    asked = tuple(np.isin(np.arange(len(s.cells)), looks) for s, looks in zip(swarm.scouts, swarm.looks, strict=True))
+    asked = tuple(np.isin(np.arange(len(t.cells)), looks) for t, looks in zip(swarm.traces, swarm.looks, strict=True))
     flights = tuple(
-        flown(place.grid, np.array(scout.cells), np.array(scout.captured), wait_s * flags)
-        for scout, flags in zip(swarm.scouts, asked, strict=True)
+        flown(place.grid, np.array(trace.cells), np.array(trace.captured), wait_s * flags)
+        for trace, flags in zip(swarm.traces, asked, strict=True)
     )
     return Asking(flights, asked)
 

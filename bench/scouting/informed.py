@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +15,9 @@ from bench.scouting.flight import ENERGY, Flights, flown, thorough_j
 from bench.scouting.judge import CHECKPOINTS, How, along
 from fleet.functions.belief import Belief
 from fleet.functions.kriging import Variogram, fit, places_of
-from fleet.planning.swarm import Swarm, Tactics
+from fleet.planning.outlook import Outlook
+from fleet.planning.swarm import Swarm, scattered
+from fleet.planning.tactics import Tactics
 
 Values = NDArray[np.float64]
 ENERGIES = (0.2, 0.3, 0.4, 0.5, 0.6)
@@ -82,10 +83,6 @@ class Mission:
     prior: Prior = Prior()
 
 
-class _Enough(Exception):
-    """All that is compared has been flown."""
-
-
 def scouted(mission: Mission, before: Callable[[Swarm, int], None] | None = None) -> Flights:
     """Fly until somewhat more energy is spent than is compared.
 
@@ -93,9 +90,10 @@ def scouted(mission: Mission, before: Callable[[Swarm, int], None] | None = None
         before: Told the swarm and the cell before each capture.
     """
     place = known(mission.field, 0)
-    swarm = Swarm(place.grid, ENERGY, mission.agents, mission.tactics, mission.seed)
+    swarm = Swarm(place.grid, ENERGY, scattered(place.grid, mission.agents, mission.seed), mission.tactics)
     if mission.prior != Prior():
         swarm.belief = InformedBelief(place, mission.prior)
+        swarm.outlook = Outlook(swarm.belief, mission.tactics.search.horizon)
     limit_j = _FARTHEST * thorough_j(place, mission.agents)
 
     def sense(cell: int) -> float:
@@ -103,13 +101,8 @@ def scouted(mission: Mission, before: Callable[[Swarm, int], None] | None = None
             before(swarm, cell)
         return float(place.truth[cell])
 
-    def watch() -> None:
-        if swarm.claims[-1].energy_j > limit_j:
-            raise _Enough
-
-    with suppress(_Enough):
-        swarm.fly(sense, watch=watch)
-    return tuple(flown(place.grid, np.array(scout.cells), np.array(scout.captured)) for scout in swarm.scouts)
+    swarm.fly(sense, watch=lambda: swarm.spent_j > limit_j)
+    return tuple(flown(place.grid, np.array(trace.cells), np.array(trace.captured)) for trace in swarm.traces)
 
 
 def accuracy(mission: Mission) -> Values:

@@ -27,7 +27,10 @@ from bench.scouting.ours import Ours
 from bench.scouting.tables import points
 from fleet.contexts.grid import Grid
 from fleet.functions.belief import Belief
-from fleet.planning.swarm import Scout, Swarm, Tactics
+from fleet.planning.outlook import Outlook
+from fleet.planning.scouting import Scout
+from fleet.planning.swarm import Swarm, scattered
+from fleet.planning.tactics import Tactics
 
 Flags = NDArray[np.bool_]
 Values = NDArray[np.float64]
@@ -51,25 +54,32 @@ class Hearsay(Belief):
     @property
     def free(self) -> Flags:
         """Cells with data that nobody has captured, bool [rows, columns]."""
-        found = super().free
-        found.flat[[cell for cell, _ in self._newest]] = False
+        found = super().free.copy()
+        found.flat[self.unheard] = False
         return found
+
+    @property
+    def unheard(self) -> list[int]:
+        """The newest captured cells."""
+        return [cell for cell, _ in self._newest]
 
 
 class Late(Swarm):
     """A swarm that decides without the newest captures; its map and its claims have them."""
 
     def __init__(self, place: Field, agents: int, seed: int, tactics: Tactics, lag: int) -> None:
-        super().__init__(place.grid, ENERGY, agents, tactics, seed)
+        super().__init__(place.grid, ENERGY, scattered(place.grid, agents, seed), tactics)
         self._place, self._heard = place, Hearsay(place.grid, lag)
+        self.outlook = Outlook(self._heard, tactics.search.horizon)
 
     def scout(self) -> Flights:
         """Fly until every cell is captured."""
         self.fly(self._sense)
-        return tuple(flown(self._place.grid, np.array(each.cells), np.array(each.captured)) for each in self.scouts)
+        return tuple(flown(self._place.grid, np.array(each.cells), np.array(each.captured)) for each in self.traces)
 
     def choose_path(self, scout: Scout) -> tuple[int, ...]:
         """From what has been heard."""
+        self.outlook.claim(len(self.scouts), self._heard.unheard)
         now, self.belief = self.belief, self._heard
         try:
             return super().choose_path(scout)

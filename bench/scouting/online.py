@@ -32,7 +32,7 @@ from bench.scouting.campaign import known
 from bench.scouting.fields import AIMED, NAMES
 from bench.scouting.lessons import Course, Learned, learn, quantities
 from bench.scouting.paper import QUICK
-from bench.scouting.statistics import interval
+from bench.statistics import interval
 from bench.weights import Arm, campaign, drifting
 from fleet.learning.model import SAModel
 from fleet.learning.qlearning import QLearning

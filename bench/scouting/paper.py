@@ -29,7 +29,7 @@ from rich.table import Table
 from bench.scouting.fields import AIMED, NAMES
 from bench.scouting.lessons import Course
 from bench.scouting.scaffold import Arm, Outcome, arms
-from bench.scouting.statistics import paired
+from bench.statistics import paired
 
 OUT = Path(__file__).resolve().parents[1] / "out" / "paper.json"
 Values = NDArray[np.float64]
