@@ -5,8 +5,8 @@
 
 Fields are smooth and made up by spectral synthesis. One mission flies over each until every cell is captured, or until
 100,000 are (the first tenth of the largest: cells are predicted and fitted anew most often at first, so on average a
-capture of the whole mission is cheaper; `--whole` flies all of it, in about ten minutes). A decision is the outlook and
-the path; a claim is what the stop rule is asked about, and is timed when half is captured. A capture's cost is the
+capture of the whole mission is cheaper; `--whole` flies all of it, in a quarter of an hour). A decision is the outlook
+and the path; a claim is what the stop rule is asked about, and is timed when half is captured. A capture's cost is the
 mission's time over its captures: sensing, taking in, fits, and its share of decisions and claims. Time is that of the
 processor, for a mission is too long to be repeated.
 
