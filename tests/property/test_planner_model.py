@@ -28,7 +28,8 @@ Values = NDArray[np.float64]
 NAMES = ("brightness", "exg")
 USUAL = InterestWeights()
 
-shaped = st.builds(InterestWeights, doubt=st.floats(0.1, 3), doubt_around=st.floats(0, 3), novelty=st.floats(0, 3))
+some = st.just(0.0) | st.floats(0.01, 3)
+shaped = st.builds(InterestWeights, doubt=st.floats(0.1, 3), doubt_around=some, novelty=some)
 
 
 @st.composite

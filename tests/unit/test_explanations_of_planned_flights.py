@@ -71,9 +71,9 @@ def relived(storage: LocalStorage, agent: str, step: ScoutExplanation) -> Scouti
         count = step.record.step + 1 if index == me else step.record.heard[index]
         captures += [(one.time_s, index, one.cell) for one in log_of(storage, name)[:count] if one.captured]
     grid = environment(TRUTH).grid
-    scouting = Scouting(
-        grid, energy_model(spec_of(2).spec), [Scout(step.record.cell)], Tactics(), REWARD.of_planner.rule
-    )
+    scouts = [Scout(log_of(storage, name)[0].cell) for name in AGENTS]
+    scouts[me].cell = step.record.cell
+    scouting = Scouting(grid, energy_model(spec_of(2).spec), scouts, Tactics(), REWARD.of_planner.rule)
     for _, _, cell in sorted(captures):
         scouting.take_in(cell, float(TRUTH.flat[cell]))
     return scouting
@@ -150,7 +150,6 @@ def test_the_first_plan_is_the_path_that_is_worth_most_from_the_take_off(storage
     assert step.record.heard == (0, 0)
     scouting = relived(storage, "agent-1", step)
     scouting.scouts[0].weights = step.blended
-    scouting.scouts.append(Scout(log_of(storage, "agent-2")[0].cell))
     assert (step.record.move, *step.record.plan) == tuple(scouting.choose_path(scouting.scouts[0]))
 
 
