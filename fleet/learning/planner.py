@@ -76,7 +76,7 @@ class PlannerModel:
 
     @property
     def interest(self) -> InterestWeights:
-        """The most probable weights; none is negative."""
+        """The most probable weights; none is negative, and their sum is 1, as blending is to depend on trust alone."""
         found = self.prior
         if self.captures:
             along = float(self.prior @ self.moments @ self.prior)
@@ -86,7 +86,9 @@ class PlannerModel:
             found = np.asarray(np.linalg.solve(self.moments + weighed, known))
         if not found.max() > 0.0:  # nothing brought anything: there is nothing to tell them apart by
             found = self.prior
-        return InterestWeights(**{name: max(0.0, float(value)) for name, value in zip(BELIEVED, found, strict=True)})
+        found = np.maximum(found, 0.0)
+        found = found / found.sum()
+        return InterestWeights(**dict(zip(BELIEVED, found.tolist(), strict=True)))
 
     def updated(self, evidence: Evidence) -> PlannerModel:
         """A model that has also learned from these captures."""
