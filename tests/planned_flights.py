@@ -84,13 +84,8 @@ def simulated(storage: LocalStorage) -> Swarm:
     fleet = FleetSpec.model_validate_json(storage.read(PATHS.fleet_spec)).spec
     place = wire.decode_environment(wire.load(storage.read(PATHS.environment(1))))
     scouts = [Scout(start) for start in layout_of(place.grid, fleet).starts]
-    swarm = Swarm(
-        place.grid,
-        energy_model(fleet),
-        scouts,
-        Tactics(weights=PlannerModel.blank(FEATURES, WEIGHTS).interest),
-        REWARD.of_planner.rule,
-    )
+    tactics = Tactics(weights=PlannerModel.blank(FEATURES, WEIGHTS).interest)
+    swarm = Swarm(place.grid, energy_model(fleet), scouts, tactics, REWARD.of_planner.rule)
     swarm.fly(lambda cell: float(sensed(place, cell)[1]))
     return swarm
 

@@ -36,9 +36,9 @@ def usual_caution(goal: float) -> float:
     """The caution for a goal for those who have no context to learn it from.
 
     It falls with the goal: early claims rest on few predictions, and a map that is to be 90 % right takes many. The
-    line goes through what four fields taught for 70, 80 and 90 % (`python -m bench.scouting.stops`).
+    line is about what four fields taught for 70 and 80 % (`python -m bench.scouting.stops`).
     """
-    return float(np.clip(7.7 - 8.0 * goal, 0.5, CAUTIONS[-1]))
+    return float(np.clip(5.0 - 5.0 * goal, 0.5, CAUTIONS[-1]))
 
 
 @dataclass(frozen=True)

@@ -202,7 +202,7 @@ def test_without_a_shaping_context_the_caution_is_the_usual_one_or_the_given_one
 
 
 def test_the_usual_caution_falls_with_the_goal_and_is_never_none() -> None:
-    assert [usual_caution(goal) for goal in (0.1, 0.7, 0.8, 0.9, 1.0)] == pytest.approx([3.0, 2.1, 1.3, 0.5, 0.5])
+    assert [usual_caution(goal) for goal in (0.1, 0.7, 0.8, 0.9, 1.0)] == pytest.approx([3.0, 1.5, 1.0, 0.5, 0.5])
 
 
 def test_weights_that_are_given_are_taken_and_the_others_are_the_usual_ones() -> None:
