@@ -11,6 +11,7 @@ import pytest
 
 from bench.scouting import headlines, online
 from bench.scouting.campaign import known
+from bench.scouting.everything import commands
 from bench.scouting.fields import PLANTED
 from bench.scouting.flight import ENERGY, thorough_j
 from bench.scouting.headlines import CLASSIC, LAWNMOWER, OURS, PAPER, PLANNED, Case, cells, ratio, spent_in_scaffold
@@ -20,6 +21,7 @@ from bench.scouting.lessons import Course, learn
 from bench.scouting.ours import Ours
 from bench.scouting.paper import Results
 from bench.scouting.scaffold import Outcome
+from tests.conftest import ROOT
 
 LITTLE = {"rewardShaping": {"epochs": 2, "missions": 8}, "training": {"epochs": 1, "missions": 8}}
 AGENTS = 2
@@ -142,3 +144,12 @@ def test_rises_are_held_against_missions_without_learning(tmp_path: Path) -> Non
     assert columns[6][2].startswith("+50.0")  # the error fell by a quarter, and rose by a quarter without
     online.write(tmp_path / "online.json", found, "it")
     assert online.read(tmp_path / "online.json") == found
+
+
+@pytest.mark.parametrize("short", [True, False])
+def test_everything_names_commands_that_know_their_options(short: bool) -> None:
+    for _, module, *options in commands(short, workers=1):
+        file = ROOT / (module.replace(".", "/") + ".py")
+        program = (file if file.is_file() else file.with_suffix("") / "__main__.py").read_text()
+        asked = [option for option in options if option.startswith("--")]
+        assert [option for option in asked if f'"{option}"' not in program] == []
