@@ -46,7 +46,8 @@ def shape(
 ) -> None:
     """Find the reward and the thresholds of HA over the shaping contexts, and nothing else.
 
-    Interrupted and called again, it goes on where it was; the result is the same for the same seed.
+    Interrupted and called again, it goes on where it was (with a Planner it starts anew); the result is the same for
+    the same seed.
 
     Example: [bold]fleet shape my-swarm/fleetspec.yaml --out out/my-swarm[/bold]
     """

@@ -168,7 +168,7 @@ def _policy(spec: FleetSpec, terrain: Terrain, storage: str | None, model: Path 
     if storage is not None:
         place, paths = open_storage(inputs.as_uri(storage)), inputs.paths_of(spec)
         try:
-            reward = RewardModel.model_validate_json(place.read(paths.reward))
+            reward = RewardModel.model_validate_json(place.read(paths.reward)).of_groups
             data = data or place.read(paths.initial_model)
         except ObjectNotFound as error:
             hint = "run fleet train SPEC --out DIR first, and name its storage: DIR/storage"

@@ -78,7 +78,7 @@ def retrain_planner(
 
     Args:
         model: The subset's last model; the initial one when it has none.
-        logs: Records of the mission by agent.
+        logs: Records of the mission by agent, in the fleet's order.
         grid: Where it flew.
     Returns:
         The new model, and the number of captures that it learned from.
@@ -87,9 +87,9 @@ def retrain_planner(
     """
     column = reward.features.index(reward.of_planner.feature)
     captures = sorted(
-        (record.time_s, agent, record.cell, record.ssv[column])
-        for agent in logs
-        for record in logs[agent]
+        (record.time_s, index, record.cell, record.ssv[column])
+        for index, log in enumerate(logs.values())
+        for record in log
         if record.captured
     )
     if not captures:

@@ -80,6 +80,17 @@ class RewardModel(Model):
             raise TrainingError("the reward was shaped for state groups, and sa.kind is Planner; train again")
         return self.planner
 
+    @property
+    def of_groups(self) -> RewardModel:
+        """This reward, for agents that fly through state groups.
+
+        Raises:
+            TrainingError: it was shaped for a Planner.
+        """
+        if self.planner is not None:
+            raise TrainingError("the reward was shaped for a Planner, and sa.kind is another; train again")
+        return self
+
     def reward(self, ssv: NDArray[np.float64]) -> NDArray[np.float64]:
         """R of a transition into a state, [n], for SSVs [n, features]; NaN rows stay NaN."""
         terms = self.normaliser.apply(ssv) * np.array(self.weights)

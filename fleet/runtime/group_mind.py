@@ -62,7 +62,7 @@ class GroupMind:
 
     def __init__(self, settings: Settings, environment: Environment) -> None:
         fleet, order = settings.fleet, settings.order
-        self.reward = RewardModel.model_validate_json(settings.storage.read(settings.paths.reward))
+        self.reward = RewardModel.model_validate_json(settings.storage.read(settings.paths.reward)).of_groups
         if settings.agent not in order.weights:
             raise MissionError(f"mission {order.number} has no model weights for {settings.agent}")
         self.weights = {key: weight for key, weight in order.weights[settings.agent].items() if weight > 0}

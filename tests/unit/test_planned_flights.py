@@ -12,7 +12,7 @@ import pytest
 
 from fleet.clock import ManualClock
 from fleet.contexts.grid import Grid
-from fleet.errors import MissionError
+from fleet.errors import MissionError, TrainingError
 from fleet.functions.contract import AgentMetrics
 from fleet.missions.documents import Landing
 from fleet.missions.flight import LAND
@@ -21,7 +21,7 @@ from fleet.runtime import hearing, scout_mind
 from fleet.runtime.hearing import PATIENCE_S, Hearing, next_arrival_s
 from fleet.runtime.pilot import Pilot
 from fleet.storage.local import LocalStorage
-from tests.planned_flights import PATHS, fly, fly_one, log_of, prepared, put, settings_of, simulated
+from tests.planned_flights import PATHS, REWARD, fly, fly_one, log_of, prepared, put, settings_of, simulated
 from tests.planning import Values, drawn
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
@@ -207,3 +207,14 @@ def test_agents_take_off_in_the_middle_of_their_parts(tmp_path: Path) -> None:
     grid = Grid(np.ones((8, 12), dtype=np.bool_), 10.0, 10.0)
     assert len(starts) == 4
     assert all(1 <= row < grid.rows - 1 and 1 <= column < grid.columns - 1 for row, column in starts)
+
+
+def test_a_reward_is_for_agents_that_plan_or_for_agents_in_groups(tmp_path: Path) -> None:
+    storage = prepared(tmp_path, 1)
+    in_groups = REWARD.model_copy(update={"planner": None})
+    assert in_groups.of_groups == in_groups
+    with pytest.raises(TrainingError, match="shaped for a Planner, and sa.kind is another; train again"):
+        _ = REWARD.of_groups
+    put(storage, PATHS.reward, in_groups)
+    with pytest.raises(TrainingError, match="shaped for state groups, and sa.kind is Planner; train again"):
+        fly(storage)
