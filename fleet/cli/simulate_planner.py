@@ -59,7 +59,8 @@ def _planner(bench: Workbench, terrain: Terrain, wanted: Wanted) -> tuple[str, P
     if wanted.storage is not None:
         place, paths = open_storage(inputs.as_uri(wanted.storage)), inputs.paths_of(wanted.spec)
         try:
-            planner = RewardModel.model_validate_json(place.read(paths.reward)).of_planner
+            shaped = RewardModel.model_validate_json(place.read(paths.reward)).of_planner
+            planner = shaped.model_copy(update={"goal": planner.goal})
             data = data or place.read(paths.initial_model)
         except ObjectNotFound as error:
             hint = "run fleet train SPEC --out DIR first, and name its storage: DIR/storage"

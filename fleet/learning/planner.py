@@ -21,6 +21,7 @@ from fleet.errors import ModelError
 from fleet.learning.archive import Archive, read_archive
 from fleet.missions.documents import ModelReference
 from fleet.planning.tactics import InterestWeights
+from fleet.spec.learning import BELIEVED
 from fleet.storage.port import Storage
 
 FORMAT = "fleet-planner/1"
@@ -29,8 +30,6 @@ PRIOR_CAPTURES = 2000.0
 learned from one field alone is worse than the prior (docs/evaluation.md)."""
 _TINY = 1e-12
 Values = NDArray[np.float64]
-BELIEVED = tuple(InterestWeights.model_fields)
-"""Features of a cell that might be captured, in the order of arrays."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -53,6 +53,7 @@ class Scout:
         fixed: How many of them are flown without another look.
         last: The last move; -1 for none.
         landed: Whether it is down again.
+        lost: Whether it should have reached its cell by now, and nobody has heard that it did: it claims nothing.
     """
 
     cell: int
@@ -61,6 +62,7 @@ class Scout:
     fixed: int = 0
     last: int = -1
     landed: bool = False
+    lost: bool = False
 
 
 class Scouting:
@@ -129,7 +131,8 @@ class Scouting:
         return move
 
     def _ending(self, scout: Scout, claim: Claim) -> Ending | None:
-        reached = {other.cell for other in self.scouts if other is not scout and self.belief.free.flat[other.cell]}
+        others = [other for other in self.scouts if other is not scout and not (other.landed or other.lost)]
+        reached = {other.cell for other in others if self.belief.free.flat[other.cell]}
         if claim.captured + len(reached) == self.belief.cells:
             return Ending.ALL_CAPTURED
         if self.rule is not None and self.rule.is_met(claim.accuracy, claim.predictions):
@@ -164,7 +167,7 @@ class Scouting:
                 self.outlook.claim(index, ())
                 self._claimed[index] = None
             elif self._claimed[index] is not other.plan:
-                self.outlook.claim(index, self._ahead(other))
+                self.outlook.claim(index, () if other.landed or other.lost else self._ahead(other))
                 self._claimed[index] = other.plan
 
     def _rate(self, typical: float) -> float:

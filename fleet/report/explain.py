@@ -139,8 +139,14 @@ class FlownLog:
         mind = self.mind
         if not isinstance(mind, ScoutMind):
             raise MissionError("the agent flew through state groups")
-        lived = (explained(mind, record, mind.relive(record)) for record in self.records)
-        return tuple(lived) if step is None else tuple(islice(lived, step, step + 1))
+        found = []
+        for record in self.records:
+            thought = mind.relive(record)
+            if step is None or record.step == step:
+                found.append(explained(mind, record, thought))
+            if record.step == step:
+                break
+        return tuple(found)
 
 
 def agents_of(settings: Settings) -> list[str]:

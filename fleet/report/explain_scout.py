@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fleet.learning.planner import BELIEVED
 from fleet.missions.layout import MOVES
 from fleet.missions.records import Record
 from fleet.planning.interest import FEW, features, interest
@@ -15,6 +14,7 @@ from fleet.planning.scouting import Ending
 from fleet.planning.stop import Claim, StopRule
 from fleet.planning.tactics import InterestWeights
 from fleet.runtime.scout_mind import ScoutMind, ScoutThought
+from fleet.spec.learning import BELIEVED
 
 
 @dataclass(frozen=True)

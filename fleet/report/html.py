@@ -217,7 +217,7 @@ def _ended(run: AgentRun, metrics: AgentMetrics) -> str:
     """Why an agent landed that did not fail: a flight with groups before it ends only when Eval() says so."""
     last = run.records[-1] if run.records else None
     if last is not None and last.claimed is not None:
-        return f"landed: {last.claimed:.1%} of the map expected right"
+        return f"landed, with {last.claimed:.1%} of the map expected right"
     over = metrics.groups_explored >= metrics.groups
     return "landed: all groups explored" if over else "landed: Eval() said finished"
 
@@ -280,7 +280,6 @@ def _thresholds(run: RunData) -> list[tuple[str, str]]:
             *((name.replace("_", " "), f"{value:.2f}") for name, value in planner.weights.model_dump().items()),
             ("goal for accuracy", measures.text("accuracy", planner.goal)),
             ("caution", f"{planner.caution:.2f}"),
-            ("loss on the shaping contexts", f"{run.reward.loss:.4g}"),
         ]
     return [
         ("utility threshold T_u", f"{run.reward.utility_threshold:.4g}"),

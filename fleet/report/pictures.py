@@ -96,7 +96,9 @@ def claims_pictures(run: RunData, mission: MissionRun) -> tuple[Picture, ...]:
         return ()
     from fleet.report.claims import mission_claims  # noqa: PLC0415 - loads scipy and numba
 
-    found = mission_claims(mission, run.reward.planner, run.reward.features)
+    goal = run.spec.spec.accuracy_goal if run.spec else None
+    planner = run.reward.planner.model_copy(update={"goal": goal} if goal else {})
+    found = mission_claims(mission, planner, run.reward.features)
     if found is None:
         return ()
     claims, folder = found.claims, f"missions/{mission.number:04d}"

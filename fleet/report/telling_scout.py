@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from fleet.learning.planner import BELIEVED
 from fleet.missions.layout import MOVES
 from fleet.missions.records import Record
 from fleet.planning.scouting import Ending
 from fleet.planning.stop import Claim
 from fleet.report import measures
 from fleet.report.explain_scout import ScoutExplanation
+from fleet.spec.learning import BELIEVED
 
 STEPS_HEADER = ("step", "row", "col", "captured", "known", "claim", "needed", "move", "why")
 _ENDINGS = {

@@ -25,8 +25,9 @@ from fleet.missions.records import Record, records_in
 from fleet.runtime.settings import Settings
 
 _log = logging.getLogger(__name__)
-PATIENCE_S = 120.0
-"""How long an agent waits for one that is silent: a pod that is started again is back before."""
+PATIENCE_S = 300.0
+"""How long an agent waits for one that is silent: longer than the storage is tried again for (120 s), and than a pod
+takes that is started again for the fourth time (150 s)."""
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.005, 0.2
 Told = tuple[tuple[Record, ...], ...]
 """New records of each agent, in the fleet's order; none of the agent's own."""
@@ -81,11 +82,6 @@ class Hearing:
         self._logs = [paths.log(number, other.name) for other in self._others]
         self._landings = [paths.landing(number, other.name) for other in self._others]
 
-    @property
-    def gone(self) -> tuple[int, ...]:
-        """Agents that failed, as indices."""
-        return tuple(index for index, other in enumerate(self._others) if other.is_gone)
-
     def until(self, time_s: float) -> Told:
         """What the others did before a moment, as far as it is new; waits until that is known."""
         for index in self._all_others():
@@ -99,15 +95,13 @@ class Hearing:
             MissionError: a log is shorter.
         """
         for index in self._all_others():
-            self._read(index)
-            found = len(self._others[index].records)
-            if found < counts[index]:
-                name = self._others[index].name
-                raise MissionError(
-                    f"a plan was made with {counts[index]} records of {name}, whose log has {found}; "
-                    "the log is damaged, or of another run"
-                )
+            self._wait_for_records(index, counts[index])
         return self._tell(lambda index, record: record.step < counts[index])
+
+    def is_overdue(self, index: int, time_s: float) -> bool:
+        """Whether an agent should have said more by a moment than was told of it: it has failed, or is silent."""
+        other = self._others[index]
+        return (self._next_s(other.records[: other.told]), index) < (time_s, self._me)
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -143,28 +137,47 @@ class Hearing:
             self._clock.sleep(pause_s)
             pause_s = min(2.0 * pause_s, _LONGEST_WAIT_S)
 
+    def _wait_for_records(self, index: int, count: int) -> None:
+        """Until a log has so many records: one that was cut off by a crash is written on by its agent."""
+        other, pause_s, until = self._others[index], _FIRST_WAIT_S, self._clock.now() + self._patience_s
+        while len(other.records) < count:
+            if self._read(index):
+                continue
+            if self._is_over(index) or self._clock.now() >= until:
+                raise MissionError(
+                    f"a plan was made with {count} records of {other.name}, whose log has {len(other.records)}; "
+                    "the log is damaged, or of another run"
+                )
+            self._clock.sleep(pause_s)
+            pause_s = min(2.0 * pause_s, _LONGEST_WAIT_S)
+
     def _is_known(self, index: int, time_s: float) -> bool:
-        other = self._others[index]
-        if not other.records:
-            return (self._energy.take_off().time_s, index) > (time_s, self._me)
-        return (next_arrival_s(other.records[-1], self._energy), index) > (time_s, self._me)
+        return (self._next_s(self._others[index].records), index) > (time_s, self._me)
+
+    def _next_s(self, records: Sequence[Record]) -> float:
+        """When the record after these comes."""
+        return next_arrival_s(records[-1], self._energy) if records else self._energy.take_off().time_s
 
     def _is_over(self, index: int) -> bool:
         """Whether an agent's part of the mission is over; its log is read once more, as it ended before that."""
         other = self._others[index]
         if not other.is_gone and self._storage.exists(self._landings[index]):
-            self._read(index)
+            self._read(index, whole=True)
             other.is_gone = not other.records or other.records[-1].move != LAND
         return other.is_gone
 
-    def _read(self, index: int) -> bool:
-        """Read what is new in a log; whether there was anything."""
+    def _read(self, index: int, whole: bool = False) -> bool:
+        """Read what is new in a log; whether there was anything.
+
+        Args:
+            whole: Whether the log is over, so that a last line without an end counts too.
+        """
         other = self._others[index]
         try:
             data = self._storage.read(self._logs[index])
         except ObjectNotFound:
             return False
-        end = data.rfind(b"\n") + 1
+        end = len(data) if whole else data.rfind(b"\n") + 1
         if end <= other.size:
             return False
         before = len(other.records)

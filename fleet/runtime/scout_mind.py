@@ -19,7 +19,7 @@ from fleet.missions.layout import MOVES, layout_of
 from fleet.missions.records import Record
 from fleet.planning.paths import STRAIGHT
 from fleet.planning.scouting import Ending, Scout, Scouting
-from fleet.planning.stop import Claim
+from fleet.planning.stop import Claim, StopRule
 from fleet.planning.tactics import Tactics
 from fleet.runtime.hearing import Hearing, Told
 from fleet.runtime.mind import Thought, check_relived, recorded_ssv
@@ -60,7 +60,7 @@ class ScoutMind:
             raise MissionError(f"mission {order.number} has no model weights for {settings.agent}")
         self.weights = {key: weight for key, weight in order.weights[settings.agent].items() if weight > 0}
         self.models = load_planners(settings.storage, [each for each in order.models if each.key in self.weights])
-        self.rule = planner.rule
+        self.rule = StopRule(fleet.accuracy_goal or planner.goal, planner.caution)
         self.index = settings.agent_index
         self.agents = tuple(agent.name for agent in fleet.agents.resolved)
         scouts = [Scout(start) for start in layout_of(environment.grid, fleet).starts]
@@ -123,7 +123,7 @@ class ScoutMind:
             self._untold.append((time_s, cell, float(ssv[self._column])))
         if not self.scouting.is_due(scout):
             return self._leave(cell, ssv is not None, 0)
-        self._take_in(hear())
+        self._take_in(hear(), time_s)
         heard = self._counts()
         ending = self.scouting.look(scout, time_s)
         claim = self.scouting.claims[-1]
@@ -144,7 +144,7 @@ class ScoutMind:
         """How many records of each agent are known; of the agent itself those before this state."""
         return tuple(self._step if index == self.index else count for index, count in enumerate(self._hearing.counts))
 
-    def _take_in(self, told: Told) -> None:
+    def _take_in(self, told: Told, time_s: float) -> None:
         """Take in what was captured since the last look, in the order of mission time, and where the others are."""
         captures = [(time_s, self.index, cell, value) for time_s, cell, value in self._untold]
         for index, records in enumerate(told):
@@ -153,8 +153,11 @@ class ScoutMind:
             ]
             if records:
                 self._follow(self.scouting.scouts[index], records[-1])
-        for index in self._hearing.gone:
-            self.scouting.scouts[index].plan = deque()
+        for index, other in enumerate(self.scouting.scouts):
+            overdue = index != self.index and self._hearing.is_overdue(index, time_s)
+            if overdue and not other.lost:
+                other.plan = deque()
+            other.lost = overdue
         self._untold = []
         for _, _, cell, value in sorted(captures):
             self.scouting.take_in(cell, value)

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from fleet.spec.base import POWERSET_LIMIT
+from fleet.spec.learning import BELIEVED
 from fleet.spec.platform import STORAGE_ADDRESS, STORAGE_EXAMPLES
 from fleet.spec.swarm import CAPABILITIES, CARDINAL, Capability
 
@@ -132,12 +133,6 @@ RULES: Mapping[str, tuple[CelRule, ...]] = {
             "the kind of SA cannot change: the models that are there are of this kind. Make a new FleetSpec",
         ),
     ),
-    "RewardShaping": (
-        CelRule(
-            "!has(self.weights) || size(self.weights) == 0 || self.weights.exists(f, self.weights[f] > 0.0)",
-            "at least one weight must be more than 0: with all at 0, every state is worth the same",
-        ),
-    ),
     "Aggregation": (
         CelRule(
             "(has(self.kind) && self.kind == 'Custom') == has(self.__function__)",
@@ -170,6 +165,16 @@ RULES: Mapping[str, tuple[CelRule, ...]] = {
         CelRule(
             "self.contexts.exists(c, 'Training' in c.use) || has(self.sa.pretrained) || self.sa.kind == 'Planner'",
             "one of contexts must have Training in its use, or sa.pretrained must be given",
+        ),
+        CelRule(
+            "self.sa.kind == 'Planner' || !has(self.rewardShaping.weights) || size(self.rewardShaping.weights) == 0 || "
+            "self.rewardShaping.weights.exists(f, self.rewardShaping.weights[f] > 0.0)",
+            "at least one weight must be more than 0: with all at 0, every state is worth the same",
+        ),
+        CelRule(
+            "self.sa.kind != 'Planner' || !has(self.rewardShaping.weights) || "
+            f"self.rewardShaping.weights.all(f, f in {list(BELIEVED)})",
+            f"a Planner weighs {', '.join(BELIEVED)}, and nothing else",
         ),
         CelRule(
             "self.sa.kind != 'Planner' || self.goals.exists(g, g.metric == 'accuracy' && has(g.atLeast))",

@@ -8,6 +8,9 @@ from pydantic import Field
 
 from fleet.spec.base import Fraction, MetricName, Model, NonNegative, Positive, Uri
 
+BELIEVED = ("doubt", "doubt_around", "novelty")
+"""What a Planner weighs of a state that it might capture."""
+
 
 class SAKind(StrEnum):
     """State-to-action models that the platform has."""

@@ -97,7 +97,7 @@ class Fleet(Model):
     def accuracy_goal(self) -> float | None:
         """The accuracy that a mission must reach; None when no goal asks for any."""
         asked = [goal.at_least for goal in self.goals if goal.metric == ACCURACY and goal.at_least is not None]
-        return asked[0] if asked else None
+        return max(asked, default=None)
 
     def contexts_for(self, use: ContextUse) -> tuple[ContextSpec, ...]:
         """The contexts that are for one use, in the order of the FleetSpec."""

@@ -6,13 +6,13 @@ The CRD has those of them that Kubernetes can check (`cel`); here they say where
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from urllib.parse import urlsplit
 
 from fleet.spec.base import POWERSET_LIMIT, Amounts, Resources, duration_s, quantity_value
 from fleet.spec.findings import Finding, did_you_mean, listed
 from fleet.spec.functions import ContextUse, EvalChecks, FunctionSpec
-from fleet.spec.learning import SAKind
+from fleet.spec.learning import BELIEVED, SAKind
 from fleet.spec.platform import STORAGE_ADDRESS, STORAGE_EXAMPLES, AggregationKind
 from fleet.spec.resources import EdgeNode, Fleet, FleetSpec, Mission
 from fleet.spec.swarm import CAPABILITIES, CARDINAL, Goal
@@ -176,9 +176,24 @@ def _aggregation(fleet: Fleet) -> Iterator[Finding]:
 
 def _weights(fleet: Fleet) -> Iterator[Finding]:
     weights = fleet.reward_shaping.weights
-    if weights and not any(weights.values()):
+    if fleet.sa.kind is SAKind.PLANNER:
+        yield from _planners_weights(weights)
+    elif weights and not any(weights.values()):
         hint = "give at least one feature a weight above 0, or remove `weights` so that they are found"
         yield Finding((*SPEC, "rewardShaping", "weights"), "with all weights at 0, every state is worth the same", hint)
+
+
+def _planners_weights(weights: Mapping[str, float]) -> Iterator[Finding]:
+    here, names = (*SPEC, "rewardShaping", "weights"), list(BELIEVED)
+    for name in weights:
+        if name not in names:
+            hint = did_you_mean(name, names, f"a Planner weighs {listed(names, 'and')}")
+            yield Finding(
+                (*here, name), f"a Planner does not weigh {name}", hint, ((*here, name), (*SPEC, "sa", "kind"))
+            )
+    if not any(weights.get(name, 1.0) for name in names):
+        hint = "give at least one of them a weight above 0"
+        yield Finding(here, "with all weights at 0, every state is worth the same", hint)
 
 
 def _storage(fleet: Fleet) -> Iterator[Finding]:

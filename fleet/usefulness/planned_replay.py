@@ -23,11 +23,12 @@ from numpy.typing import NDArray
 
 from fleet.energy.accounting import EnergyModel
 from fleet.functions.classes import classes, likely_values
-from fleet.learning.planner import BELIEVED, PlannerModel, blended
+from fleet.learning.planner import PlannerModel, blended
 from fleet.missions.layout import Layout
 from fleet.planning.scouting import Scout
 from fleet.planning.swarm import Swarm, scattered
 from fleet.planning.tactics import InterestWeights, Tactics
+from fleet.spec.learning import BELIEVED
 from fleet.usefulness.history import Weights
 from fleet.usefulness.loss import Effort, MissionLoss
 

@@ -55,6 +55,7 @@ MEMORY_RULE = "memory is in bytes, and less than 1Mi can hold no program: write 
 PLANNER_GOAL = "Planner lands when its map is accurate enough: one of goals must be for accuracy, with atLeast"
 PLANNER_MOVES = "Planner flies along rows and columns: every agent must have North, South, East and West in its actions"
 PLANNER_CHECKS = "AfterGroup asks Eval() when a state group is left, and Planner has none: write AtEnd"
+PLANNER_WEIGHTS = "a Planner weighs doubt, doubt_around, novelty, and nothing else"
 PLANNER = {"sa": {"kind": "Planner"}}
 CARDINAL = ["North", "South", "East", "West"]
 CPU_RULE = "cpu is in cores, and no machine has more than 1000: write 500m or 2"
@@ -93,6 +94,8 @@ CPU_RULE = "cpu is in cores, and no machine has more than 1000: write 500m or 2"
             [PLANNER_MOVES],
         ),
         (given(eval={"function": "a:b", "checks": "AfterGroup"}, **PLANNER), [PLANNER_CHECKS]),
+        (given(**PLANNER, rewardShaping={"weights": {"exg": 1.0}}), [PLANNER_WEIGHTS]),
+        (given(**PLANNER, rewardShaping={"weights": {"novelty": 0.0}}), []),
         (given(eval={"function": "a:b", "checks": "AfterGroup"}), []),
         (
             given(

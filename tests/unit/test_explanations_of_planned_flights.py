@@ -12,7 +12,7 @@ import pytest
 
 from fleet.energy.model import energy_model
 from fleet.errors import MissionError
-from fleet.learning.planner import BELIEVED, PlannerModel, load_planner
+from fleet.learning.planner import PlannerModel, load_planner
 from fleet.missions.documents import MissionOrder, ModelReference
 from fleet.missions.flight import LAND
 from fleet.missions.layout import MOVES
@@ -22,6 +22,7 @@ from fleet.planning.tactics import InterestWeights, Tactics
 from fleet.report import telling_scout
 from fleet.report.explain import open_log
 from fleet.report.explain_scout import ScoutExplanation
+from fleet.spec.learning import BELIEVED
 from fleet.storage.local import LocalStorage
 from tests.flown_missions import PATHS as GROUPED
 from tests.flown_missions import fly_missions

@@ -22,9 +22,12 @@ from fleet.runtime.hearing import PATIENCE_S, Hearing, next_arrival_s
 from fleet.runtime.pilot import Pilot
 from fleet.storage.local import LocalStorage
 from tests.planned_flights import PATHS, REWARD, fly, fly_one, log_of, prepared, put, settings_of, simulated
-from tests.planning import Values, drawn
+from tests.planning import Values, drawn, environment
 
 pytestmark = pytest.mark.usefixtures("quick_disk")
+
+
+PLACE = environment(drawn(1, 14, 16))
 
 
 def in_two_pieces() -> Values:
@@ -104,6 +107,60 @@ def test_the_others_fly_on_without_an_agent_that_has_failed(tmp_path: Path) -> N
         records = log_of(storage, agent)
         assert records[-1].move == LAND
         assert {record.heard[1] for record in records if record.heard} == {0}
+
+
+@pytest.mark.parametrize("steps", [1, 2, 4, 7, 11])
+def test_an_agent_that_lives_again_flies_the_same_when_another_has_failed_on_the_way(
+    tmp_path: Path, steps: int
+) -> None:
+    """What the failed agent wanted to capture is open again from the moment that it is overdue, also in a replay."""
+    storage = prepared(tmp_path, 3)
+
+    class Failed(Exception):
+        pass
+
+    def fail(_: Pilot, record: Record) -> None:
+        if record.step + 1 == steps:
+            raise Failed
+
+    others = threading.Thread(target=fly, args=(storage, ["agent-1", "agent-3"]))
+    others.start()
+    with pytest.raises(Failed):
+        fly_one(storage, "agent-2", fail)
+    put(storage, PATHS.landing(1, "agent-2"), Landing(agent="agent-2", failed=True, metrics=AgentMetrics("agent-2")))
+    others.join(60)
+    for agent in ("agent-1", "agent-3"):
+        records = log_of(storage, agent)
+        assert records[-1].move == LAND
+        pilot = Pilot(settings_of(storage, agent), PLACE)
+        pilot.replay(records)
+        assert pilot.landed
+
+
+def test_a_field_is_not_said_to_be_captured_because_a_failed_agent_stood_on_its_last_cell(tmp_path: Path) -> None:
+    truth = drawn(4, 6, 6)
+    storage = prepared(tmp_path, 2, truth, goals=[{"metric": "accuracy", "atLeast": 0.99}])
+    put(storage, PATHS.landing(1, "agent-2"), Landing(agent="agent-2", failed=True, metrics=AgentMetrics("agent-2")))
+    fly(storage, ["agent-1"])
+    assert sum(record.captured for record in log_of(storage, "agent-1")) == truth.size
+
+
+def test_agents_land_at_the_goal_that_the_fleetspec_has_now(tmp_path: Path) -> None:
+    """The reward was shaped for another one."""
+    flown = []
+    for goal in (0.6, 0.95):
+        storage = prepared(tmp_path / str(goal), 2, goals=[{"metric": "accuracy", "atLeast": goal}])
+        fly(storage)
+        flown.append(len(log_of(storage, "agent-1")))
+    assert flown[0] < flown[1]
+
+
+def test_a_landing_without_an_end_of_its_line_is_heard(tmp_path: Path) -> None:
+    storage = prepared(tmp_path, 2)
+    fly(storage)
+    storage.write(PATHS.log(1, "agent-2"), storage.read(PATHS.log(1, "agent-2")).rstrip())
+    listener = Hearing(settings_of(storage, "agent-1"), ManualClock())
+    assert listener.until(1e9)[1][-1].move == LAND
 
 
 def test_an_agent_that_is_silent_is_waited_for_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -213,8 +270,8 @@ def test_a_reward_is_for_agents_that_plan_or_for_agents_in_groups(tmp_path: Path
     storage = prepared(tmp_path, 1)
     in_groups = REWARD.model_copy(update={"planner": None})
     assert in_groups.of_groups == in_groups
-    with pytest.raises(TrainingError, match="shaped for a Planner, and sa.kind is another; train again"):
+    with pytest.raises(TrainingError, match=r"shaped for a Planner, and sa\.kind is another; train again"):
         _ = REWARD.of_groups
     put(storage, PATHS.reward, in_groups)
-    with pytest.raises(TrainingError, match="shaped for state groups, and sa.kind is Planner; train again"):
+    with pytest.raises(TrainingError, match=r"shaped for state groups, and sa\.kind is Planner; train again"):
         fly(storage)

@@ -18,6 +18,8 @@ def _resources(cpu: tuple[str, str], memory: tuple[str, str]) -> Resources:
 
 SENSOR = _resources(cpu=("50m", "500m"), memory=("96Mi", "512Mi"))
 WORKFLOW = _resources(cpu=("100m", "1"), memory=("128Mi", "512Mi"))
+PLANNING_WORKFLOW = _resources(cpu=("100m", "1"), memory=("256Mi", "1Gi"))
+"""The same with a belief of the whole field: 200 MiB for 2,000 cells, 450 MiB for 1,000,000."""
 FUNCTION = _resources(cpu=("100m", "1"), memory=("128Mi", "512Mi"))
 TRAINER = _resources(cpu=("1", "2"), memory=("512Mi", "1536Mi"))
 AGGREGATOR = _resources(cpu=("250m", "1"), memory=("160Mi", "512Mi"))

@@ -91,7 +91,7 @@ def _workflow(target: Target, identity: Identity, functions: Sequence[UserFuncti
     program = Program(
         names.main_container(Role.WORKFLOW),
         (*target.settings.role_command, "workflow"),
-        settled(target.fleet.workflow.resources, defaults.WORKFLOW, "spec.workflow.resources"),
+        settled(target.fleet.workflow.resources, _workflow_default(target), "spec.workflow.resources"),
         {
             "FLEET_MISSION": str(identity.mission),
             "FLEET_AGENT": identity.agent,
@@ -150,6 +150,11 @@ def aggregator_job(
 def aggregator_resources(target: Target, terms: AggregatorTerms) -> Manifest:
     """`resources` of an aggregator's container."""
     return to_manifest(_aggregator_resources(target, terms))
+
+
+def _workflow_default(target: Target) -> Resources:
+    plans = target.fleet.sa.kind is SAKind.PLANNER
+    return defaults.PLANNING_WORKFLOW if plans else defaults.WORKFLOW
 
 
 def _aggregator_resources(target: Target, terms: AggregatorTerms) -> Resources:
