@@ -148,10 +148,13 @@ def test_what_was_learned_by_another_kind_is_refused(
     invoke: Invoke, planner: Path, grouped: Path, tmp_path: Path, option: str
 ) -> None:
     wanted = {
-        "--storage": ("the reward was shaped for state groups, and sa.kind is Planner; train again", ""),
+        "--storage": (
+            "the reward was shaped for state groups, and sa.kind is Planner; train again",
+            "the reward was shaped for a Planner, and sa.kind is another; train again",
+        ),
         "--model": ("the model has the format 'fleet-q-learning/1', and a Planner flies with", "fleet-planner/1"),
     }
-    for trained, flown, expected in ((grouped, planner, wanted[option][0]), (planner, grouped, wanted["--model"][1])):
+    for trained, flown, expected in ((grouped, planner, wanted[option][0]), (planner, grouped, wanted[option][1])):
         out = tmp_path / trained.stem
         assert invoke("train", trained, "--out", out, "--workers", 1).exit_code == 0
         place = out / "storage" if option == "--storage" else out / "storage" / ROOT / "models/initial.npz"
