@@ -36,6 +36,8 @@ LEVELS = 8
 """Accuracies at which energies are compared, over the second half of the mission: one alone is a matter of luck."""
 REPLAYS = 4
 """Flights of each candidate: the first from where the mission took off, the others from elsewhere."""
+MOST_IS_REAL = 0.5
+"""Share of the variance between candidates that must not be chance for any of it to be believed."""
 Values = NDArray[np.float64]
 
 
@@ -129,15 +131,18 @@ def believed(ratios: Values) -> Values:
         ratios: float64 [candidates, flights].
 
     Returns:
-        float64 [candidates]: their means m, as c + max(0, 1 - s^2 / v) (m - c), with c the mean of all, v the variance
-        of the means, and s^2 the part of it that flights of one candidate explain.
+        float64 [candidates]: their means m, as c + k (m - c), with c the mean of all, k = 1 - s^2 / v, v the variance
+        of the means, and s^2 the part of it that flights of one candidate explain; k is 0 where chance explains half of
+        v: learners of weights look at how losses differ among each other, however little that is.
     """
     means = ratios.mean(axis=1)
     if len(means) < 2:
         return np.asarray(means)
     chance = float(ratios.var(axis=1, ddof=1).mean()) / ratios.shape[1]
     varied = float(means.var(ddof=1))
-    kept = max(0.0, 1.0 - chance / varied) if varied > 0.0 else 0.0
+    kept = 1.0 - chance / varied if varied > 0.0 else 0.0
+    if kept < MOST_IS_REAL:
+        kept = 0.0
     return np.asarray(means.mean() + kept * (means - means.mean()))
 
 
