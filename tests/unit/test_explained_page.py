@@ -28,6 +28,8 @@ def test_the_blended_scores_of_the_page_are_the_weighted_sums_of_its_models_and_
 
 def test_the_page_says_what_the_command_says_in_its_order() -> None:
     title, *lines = TOLD.splitlines()
-    assert title == "Mission 3 over field-2018-09-16, agent-2, step 40 of 218"
+    asked = re.search(r"--agent (\d+)\s+--step (\d+)`\s+printed", PAGE)
+    assert asked is not None
+    assert re.fullmatch(rf"Mission 3 over field-2018-09-16, agent-{asked[1]}, step {asked[2]} of \d+", title)
     assert [line.split()[0] for line in lines] == ["where", "when", "captured", "HA", "SA", "choice"]
     assert "legal moves: " + ", ".join(TABLE.splitlines()[0].split()[2:]) in TOLD
