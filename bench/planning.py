@@ -31,6 +31,7 @@ from bench.scouting.flight import ENERGY
 from fleet.contexts.base import Environment
 from fleet.contexts.grid import Grid
 from fleet.functions import kriging
+from fleet.functions.belief import Belief
 from fleet.functions.classes import class_probabilities
 from fleet.missions.layout import MOVES
 from fleet.planning.calibration import expected_accuracy
@@ -109,7 +110,7 @@ def mission(environment: Environment, agents: int, captures: int) -> Flight:
     """Fly until so many cells are captured."""
     assert environment.truth is not None
     truth = environment.truth.reshape(-1)
-    swarm = Timed(environment.grid, ENERGY, scattered(environment.grid, agents, 0), Tactics())
+    swarm = Timed(Belief.over(environment), ENERGY, scattered(environment.grid, agents, 0), Tactics())
     swarm.taken = []
     flight = Flight(decisions=swarm.taken)
 

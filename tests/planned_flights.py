@@ -12,6 +12,7 @@ import numpy as np
 from fleet.contexts.base import Environment
 from fleet.energy.model import energy_model
 from fleet.functions import wire
+from fleet.functions.belief import Belief
 from fleet.learning.planner import PlannerModel
 from fleet.learning.reward import Normaliser, PlannerReward, RewardModel
 from fleet.missions.documents import Landing, MissionOrder, ModelReference
@@ -85,7 +86,7 @@ def simulated(storage: LocalStorage) -> Swarm:
     place = wire.decode_environment(wire.load(storage.read(PATHS.environment(1))))
     scouts = [Scout(start) for start in layout_of(place.grid, fleet).starts]
     tactics = Tactics(weights=PlannerModel.blank(FEATURES, WEIGHTS).interest)
-    swarm = Swarm(place.grid, energy_model(fleet), scouts, tactics, REWARD.of_planner.rule)
+    swarm = Swarm(Belief(place.grid), energy_model(fleet), scouts, tactics, REWARD.of_planner.rule)
     swarm.fly(lambda cell: float(sensed(place, cell)[1]))
     return swarm
 

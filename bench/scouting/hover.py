@@ -27,6 +27,7 @@ from bench.scouting.flight import ENERGY, Flights, flown, thorough_j
 from bench.scouting.judge import How, along, progress
 from bench.scouting.rivals.groups import ClassicRL
 from bench.scouting.scaffold import at, sweep, untaught
+from fleet.functions.belief import Belief
 from fleet.planning.scouting import Scout
 from fleet.planning.swarm import Swarm, scattered
 from fleet.planning.tactics import Tactics
@@ -62,7 +63,7 @@ class Watched(Swarm):
     """A swarm that remembers where each agent looked for its next path."""
 
     def __init__(self, place: Field, agents: int, seed: int) -> None:
-        super().__init__(place.grid, ENERGY, scattered(place.grid, agents, seed), Tactics())
+        super().__init__(Belief(place.grid), ENERGY, scattered(place.grid, agents, seed), Tactics())
         self.looks: list[list[int]] = [[] for _ in self.scouts]
 
     def choose_path(self, scout: Scout) -> tuple[int, ...]:

@@ -15,7 +15,6 @@ from bench.scouting.flight import ENERGY, Flights, flown, thorough_j
 from bench.scouting.judge import CHECKPOINTS, How, along
 from fleet.functions.belief import Belief
 from fleet.functions.kriging import Variogram, fit, places_of
-from fleet.planning.outlook import Outlook
 from fleet.planning.swarm import Swarm, scattered
 from fleet.planning.tactics import Tactics
 
@@ -90,10 +89,8 @@ def scouted(mission: Mission, before: Callable[[Swarm, int], None] | None = None
         before: Told the swarm and the cell before each capture.
     """
     place = known(mission.field, 0)
-    swarm = Swarm(place.grid, ENERGY, scattered(place.grid, mission.agents, mission.seed), mission.tactics)
-    if mission.prior != Prior():
-        swarm.belief = InformedBelief(place, mission.prior)
-        swarm.outlook = Outlook(swarm.belief, mission.tactics.search.horizon)
+    belief = Belief(place.grid) if mission.prior == Prior() else InformedBelief(place, mission.prior)
+    swarm = Swarm(belief, ENERGY, scattered(place.grid, mission.agents, mission.seed), mission.tactics)
     limit_j = _FARTHEST * thorough_j(place, mission.agents)
 
     def sense(cell: int) -> float:

@@ -68,7 +68,7 @@ class Late(Swarm):
     """A swarm that decides without the newest captures; its map and its claims have them."""
 
     def __init__(self, place: Field, agents: int, seed: int, tactics: Tactics, lag: int) -> None:
-        super().__init__(place.grid, ENERGY, scattered(place.grid, agents, seed), tactics)
+        super().__init__(Belief(place.grid), ENERGY, scattered(place.grid, agents, seed), tactics)
         self._place, self._heard = place, Hearsay(place.grid, lag)
         self.outlook = Outlook(self._heard, tactics.search.horizon)
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from bench.scouting.fields import Field
 from bench.scouting.flight import ENERGY, Flights, flown
+from fleet.functions.belief import Belief
 from fleet.missions.layout import MOVES
 from fleet.planning.paths import STRAIGHT
 from fleet.planning.scouting import Scout
@@ -22,7 +23,7 @@ class Wanderers(Swarm):
     """The same starts, but random moves to cells that are not captured."""
 
     def __init__(self, field: Field, agents: int, tactics: Tactics, seed: int) -> None:
-        super().__init__(field.grid, ENERGY, scattered(field.grid, agents, seed), tactics)
+        super().__init__(Belief(field.grid), ENERGY, scattered(field.grid, agents, seed), tactics)
         self._generator = np.random.default_rng([seed, 1])
         self._field = field
 
@@ -64,7 +65,7 @@ class Ours:
         if self.wanders:
             swarm: Swarm = Wanderers(field, agents, self.tactics, seed)
         else:
-            swarm = Swarm(field.grid, ENERGY, scattered(field.grid, agents, seed), self.tactics)
+            swarm = Swarm(Belief(field.grid), ENERGY, scattered(field.grid, agents, seed), self.tactics)
         swarm.fly(lambda cell: float(field.truth[cell]))
         return tuple(flown(field.grid, np.array(trace.cells), np.array(trace.captured)) for trace in swarm.traces)
 

@@ -17,8 +17,9 @@ map_observation = compose(excess_green, leaf_area_index, canopy_cover, plant_cou
 
 def evaluate(fs: FeatureSpace, metrics: Metrics) -> Evaluation:
     """Eval(FS, m): the whole field's yield from the captured cells, how good it is, and what it cost."""
-    prediction = extrapolate(yield_map(fs, "exg"), fs.environment.grid)
-    mean = class_mean(prediction.values, fs.environment)
+    place = fs.environment
+    prediction = extrapolate(yield_map(fs, "exg"), place.grid, expected=place.expected)
+    mean = class_mean(prediction.values, place)
     predicted = likely_values(prediction, mean)
     return Evaluation(
         finished=metrics.explored,
@@ -26,6 +27,6 @@ def evaluate(fs: FeatureSpace, metrics: Metrics) -> Evaluation:
         artefacts={
             "predicted": predicted,
             "class": classes(predicted, mean),
-            "error": error_map(predicted, fs.environment),
+            "error": error_map(predicted, place),
         },
     )

@@ -58,6 +58,8 @@ class Environment:
         grid: States and which of them have data.
         truth_name: The quantity that missions map (`exg`, `yield`); "" when nothing is known of it.
         truth: That quantity in every cell, float64 [rows, columns], NaN without data; None outside of replay.
+        expected: What earlier missions over the place make expect of the quantity that is mapped, float64 [rows,
+            columns], finite where there is data; None when there is nothing to expect.
     """
 
     name: str
@@ -65,6 +67,7 @@ class Environment:
     grid: Grid
     truth_name: str = ""
     truth: NDArray[np.float64] | None = None
+    expected: NDArray[np.float64] | None = None
 
 
 class Context(Protocol):

@@ -18,9 +18,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fleet.contexts.base import Environment
 from fleet.contexts.grid import Grid
 from fleet.functions import compiled_kriging, kriging_kernel
 from fleet.functions.classes import CLASS_THRESHOLDS
+from fleet.functions.external_drift import slope
 from fleet.functions.kriging import Prediction, Variogram, fit, places_of
 from fleet.functions.local_kriging import NEIGHBOURS, Cells, Flags, Places, Values, squared_distance
 
@@ -45,7 +47,8 @@ class BeliefArrays(NamedTuple):
         free: Cells with data that are not captured, bool [cells].
         widest: Largest reach in each tile, float64 [rows / 16, columns / 16].
         left: Free cells of each tile, int64 [rows / 16, columns / 16].
-        values: Values of captured cells, float64 [cells].
+        trend: Part of the field that follows what was expected of it, float64 [cells]; 0 where nothing was.
+        values: Values of captured cells less the trend, float64 [cells].
         mean: Expected value, float64 [cells]; NaN without data.
         deviation: Standard deviation, float64 [cells]; NaN without data.
         total: Sum of `mean` over the cells with data, float64 [1].
@@ -62,6 +65,7 @@ class BeliefArrays(NamedTuple):
     free: Flags
     widest: Values
     left: NDArray[np.int64]
+    trend: Values
     values: Values
     mean: Values
     deviation: Values
@@ -84,6 +88,7 @@ def blank(grid: Grid, variogram: Variogram) -> BeliefArrays:
         free=valid.copy(),
         widest=np.full(tiles, np.inf),
         left=_by_tile(np.add, grid.valid.astype(np.int64)),
+        trend=np.zeros(grid.cells),
         values=np.zeros(grid.cells),
         mean=np.where(valid, 0.0, np.nan),
         deviation=np.where(valid, 0.0, np.nan),
@@ -101,15 +106,23 @@ class Belief:
     Args:
         grid: Which cells have data, and their size.
         variogram: Covariance of the field, which is then kept; by default it is fitted to what is captured.
+        expected: What was expected of each cell before anything was captured, float64 [rows, columns], finite where
+            there is data; None for nothing. See `fleet.functions.external_drift`.
     """
 
-    def __init__(self, grid: Grid, variogram: Variogram | None = None) -> None:
+    def __init__(self, grid: Grid, variogram: Variogram | None = None, expected: Values | None = None) -> None:
         self._grid = grid
+        self._expected = None if expected is None else np.where(grid.valid, expected, 0.0).reshape(-1)
         self._kept = variogram is not None
         self._variogram = variogram or Variogram(1.0, 0.0, 0.0)
         self._fitted_to = 0
         self.cells = int(np.count_nonzero(grid.valid))
         self.state = blank(grid, self._variogram)
+
+    @staticmethod
+    def over(environment: Environment) -> Belief:
+        """What is believed of a place before anything is captured."""
+        return Belief(environment.grid, expected=environment.expected)
 
     @property
     def variogram(self) -> Variogram:
@@ -212,7 +225,8 @@ class Belief:
         values = values[fresh][first]
         state.total[0] += (values - state.mean[cells]).sum()
         state.captured[0] += len(cells)
-        state.values[cells] = state.mean[cells] = values
+        state.mean[cells] = values
+        state.values[cells] = values - state.trend[cells]
         state.reach[cells], state.deviation[cells], state.free[cells] = -1.0, 0.0, False
         state.left[:] = _by_tile(np.add, self.free.astype(np.int64))
         others = np.flatnonzero(state.free).astype(np.int32)
@@ -230,6 +244,8 @@ class Belief:
         """Fit to all captured cells; all others are to be predicted anew, and their number is returned."""
         shape = self._grid.valid.shape
         known = self.known
+        if self._expected is not None:
+            self._follow(self._expected, known.reshape(-1))
         self._variogram = fit(np.where(known, self.state.values.reshape(shape), np.nan), known, self._grid)
         self._fitted_to = self.captured
         self.state = self.state._replace(
@@ -238,6 +254,12 @@ class Belief:
         cells = np.flatnonzero(self.state.free)
         self.state.changed[: len(cells)] = cells
         return len(cells)
+
+    def _follow(self, expected: Values, known: Flags) -> None:
+        """Take as trend what the captured cells say of what was expected."""
+        values = self.state.mean[known]
+        self.state.trend[:] = slope(values, expected[known]) * expected
+        self.state.values[known] = values - self.state.trend[known]
 
 
 def class_bounds(mean: float) -> Values:

@@ -219,7 +219,7 @@ def take_in(belief: Any, cell: Any, value: Any, changed: Any) -> Any:
         return changed
     places, widest = belief.places, belief.widest
     belief.total[0] += value - belief.mean[cell]
-    belief.values[cell] = value
+    belief.values[cell] = value - belief.trend[cell]
     belief.mean[cell] = value
     belief.deviation[cell] = 0.0
     belief.reach[cell] = -1.0
@@ -245,6 +245,7 @@ def settle(belief: Any, changed: Any) -> None:
         belief.marked[cell] = False
         if belief.reach[cell] >= 0.0:
             expected, share = expect(belief.near[cell], count, cell, known, belief.scratch)
+            expected += belief.trend[cell]
             belief.total[0] += expected - belief.mean[cell]
             belief.mean[cell] = expected
             belief.deviation[cell] = sqrt(share * belief.variance)

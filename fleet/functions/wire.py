@@ -75,9 +75,10 @@ def decode_observation(message: Mapping[str, Any]) -> Observation:
 
 
 def encode_environment(environment: Environment) -> dict[str, Any]:
-    """An environment: name, digest, grid with `valid` as rows of truth values, truth as rows of numbers or null."""
+    """An environment: name, digest, grid with `valid` as rows of truth values, truth as rows of numbers or null; and
+    what is expected of the cells likewise, where anything is."""
     grid = environment.grid
-    return {
+    message = {
         "name": environment.name,
         "digest": environment.digest,
         "grid": {
@@ -92,6 +93,9 @@ def encode_environment(environment: Environment) -> dict[str, Any]:
         "truthName": environment.truth_name,
         "truth": None if environment.truth is None else encode_numbers(environment.truth),
     }
+    if environment.expected is not None:
+        message["expected"] = encode_numbers(environment.expected)
+    return message
 
 
 def decode_environment(message: Mapping[str, Any]) -> Environment:
@@ -108,13 +112,19 @@ def decode_environment(message: Mapping[str, Any]) -> Environment:
         )
     except (ValueError, ContextError) as error:
         raise WireError(f"grid: {error}") from error
-    truth = message.get("truth")
+    truth, expected = (
+        None if message.get(name) is None else decode_numbers(name, message[name], (grid.rows, grid.columns))
+        for name in ("truth", "expected")
+    )
+    if expected is not None and not np.isfinite(expected[grid.valid]).all():
+        raise WireError("expected: a cell with data has no number")
     return Environment(
         name=str(_field(message, "name", str, "")),
         digest=str(_field(message, "digest", str, "")),
         grid=grid,
         truth_name=str(_field(message, "truthName", str, "")),
-        truth=None if truth is None else decode_numbers("truth", truth, (grid.rows, grid.columns)),
+        truth=truth,
+        expected=expected,
     )
 
 

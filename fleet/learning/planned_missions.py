@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleet.energy.accounting import EnergyModel
+from fleet.functions.belief import Belief
 from fleet.functions.contract import EvalClient, Evaluation, Metrics
 from fleet.learning.reward import PlannerReward
 from fleet.missions.accounting import agent_metrics
@@ -37,7 +38,7 @@ class PlannedMission:
         """Fly over a terrain until the agents land."""
         values = terrain.ssv[:, terrain.features.index(self.planner.feature)]
         tactics = Tactics(weights=self.interest)
-        swarm = Swarm(terrain.environment.grid, self.energy, scouts, tactics, self.planner.rule)
+        swarm = Swarm(Belief.over(terrain.environment), self.energy, scouts, tactics, self.planner.rule)
         swarm.fly(lambda cell: float(values[cell]))
         return swarm
 

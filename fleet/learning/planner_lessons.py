@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fleet.contexts.grid import Grid
+from fleet.contexts.base import Environment
+from fleet.functions.belief import Belief
 from fleet.learning.planned_missions import PlannedMission
 from fleet.learning.planner import Evidence, PlannerModel
 from fleet.learning.practice import Grounds
@@ -68,18 +69,18 @@ def fly(problem: Problem, item: tuple[int, int]) -> Evidence:
     grid, values = terrain.environment.grid, terrain.ssv[:, terrain.features.index(planner.feature)]
     scouts = scattered(grid, len(grounds.agents), named_seed(problem.seed, f"training/{number}"))
     swarm = PlannedMission(planner, planner.weights, grounds.energy).fly(terrain, scouts)
-    return Evidence(*gains(grid, swarm.captured, values))
+    return Evidence(*gains(Belief.over(terrain.environment), swarm.captured, values))
 
 
 def retrain_planner(
-    model: PlannerModel, logs: Mapping[str, Sequence[Record]], grid: Grid, reward: RewardModel
+    model: PlannerModel, logs: Mapping[str, Sequence[Record]], environment: Environment, reward: RewardModel
 ) -> tuple[PlannerModel, int]:
     """Update a model with what the agents of a subset have captured, as if they had flown alone.
 
     Args:
         model: The subset's last model; the initial one when it has none.
         logs: Records of the mission by agent, in the fleet's order.
-        grid: Where it flew.
+        environment: Where it flew.
     Returns:
         The new model, and the number of captures that it learned from.
     Raises:
@@ -94,8 +95,8 @@ def retrain_planner(
     )
     if not captures:
         return model, 0
-    known = np.full(grid.cells, np.nan)
+    known = np.full(environment.grid.cells, np.nan)
     for _, _, cell, value in captures:
         known[cell] = value
-    evidence = Evidence(*gains(grid, [cell for _, _, cell, _ in captures], known))
+    evidence = Evidence(*gains(Belief.over(environment), [cell for _, _, cell, _ in captures], known))
     return model.updated(evidence), len(evidence)

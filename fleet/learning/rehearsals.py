@@ -8,11 +8,12 @@ every goal with its margin. A mission that ends too early costs the goal, one th
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fleet.errors import ModelError, TrainingError
+from fleet.functions.belief import Belief
 from fleet.functions.contract import Metrics
 from fleet.learning.goals import Objective
 from fleet.learning.planned_missions import evaluated, spent
@@ -83,6 +84,7 @@ def shape_planner(fleet: Fleet, grounds: Grounds, run: Run, normaliser: Normalis
     if not grounds.terrains:
         raise TrainingError("no context is for shaping; give one of `contexts` the use Shaping")
     planner = planner_reward(fleet, grounds.features, grounds.terrains[0].environment.truth_name)
+    planner = planner.model_copy(update={"expects": _is_told(grounds, planner)})
     total = max(fleet.reward_shaping.epochs * fleet.reward_shaping.periods, len(grounds.terrains))
     objective = objective_of(fleet, 1)
     seed = named_seed(run.seed, "shaping/rehearsals")
@@ -141,7 +143,7 @@ def rehearse(problem: Problem, number: int) -> Rehearsal:
     values = terrain.ssv[:, terrain.features.index(problem.planner.feature)]
     scouts = scattered(terrain.environment.grid, len(agents), named_seed(problem.seed, f"{number}"))
     most = StopRule(problem.planner.goal, float(CAUTIONS[-1]))
-    swarm = Swarm(terrain.environment.grid, energy, scouts, Tactics(weights=problem.planner.weights), most)
+    swarm = Swarm(Belief.over(terrain.environment), energy, scouts, Tactics(weights=problem.planner.weights), most)
     moments: list[tuple[int, Metrics]] = []
 
     def watch() -> bool:
@@ -161,6 +163,18 @@ def rehearse(problem: Problem, number: int) -> Rehearsal:
         for moment, metrics in ends.items()
     }
     return Rehearsal(claims, ends, loss, met)
+
+
+def _is_told(grounds: Grounds, planner: PlannerReward) -> bool:
+    """Whether Eval() says something else of a mission when it is told what to expect of every cell: the truth."""
+    terrain = grounds.terrains[0]
+    grid, values = terrain.environment.grid, terrain.ssv[:, terrain.features.index(planner.feature)]
+    cells = np.flatnonzero(grid.valid)[::8].tolist()
+    costs = thorough_metrics(terrain.layout, grounds.agents, grounds.energy)
+    told = replace(terrain.environment, expected=values.reshape(grid.valid.shape))
+    terrains = (terrain, replace(terrain, environment=told))
+    untold, of_told = (evaluated(grounds.evaluator, each, cells, costs).metrics for each in terrains)
+    return untold != of_told
 
 
 def _everything(grounds: Grounds) -> list[Ended]:

@@ -40,6 +40,7 @@ class PlannerReward(Model):
     """What a Planner flies by: R over what is believed of the next states, and HA as a stop."""
 
     feature: str = Field(description="The feature of the SSV that is mapped.")
+    expects: bool = Field(default=True, description="Whether Eval() makes its map with what is expected of the cells.")
     weights: InterestWeights = Field(description="R: what makes a capture interesting.")
     goal: float = Field(description="Accuracy to reach.")
     caution: float = Field(description="How much the expected accuracy may be off by after one prediction.")

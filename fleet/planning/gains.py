@@ -26,24 +26,24 @@ FARTHEST = 5.0
 """Cells; what a capture brought counts for no more, one way or the other."""
 
 
-def gains(grid: Grid, cells: Sequence[int], known: Values) -> tuple[Values, Values]:
+def gains(belief: Belief, cells: Sequence[int], known: Values) -> tuple[Values, Values]:
     """Features of captured cells before their capture, and what the captures brought.
 
     Args:
-        grid: The field's cells.
+        belief: What was believed before the first capture; it takes the captures in.
         cells: Captured cells, in the order of time.
         known: What is known of each cell in the end, float64 [cells], of the captured ones at least; NaN elsewhere.
 
     Returns:
         float64 [n, 3] as `fleet.planning.interest.features`, and float64 [n] in cells; n is at most MOST.
     """
-    belief, map_of = Belief(grid), _Map(grid, known)
+    map_of = _Map(belief.grid, known)
     chosen = set(np.linspace(FEW, len(cells) - 1, MOST).round().astype(int).tolist()) if len(cells) > FEW else set()
     found, brought = [], []
     for index, cell in enumerate(cells):
         looked_at = index in chosen and belief.captured >= FEW and bool(belief.free.flat[cell])
         before, variogram = (map_of.right(belief, cell) if looked_at else 0.0), belief.variogram
-        seen = features(belief)[:, cell // grid.columns, cell % grid.columns] if looked_at else None
+        seen = features(belief).reshape(-1, belief.grid.cells)[:, cell] if looked_at else None
         belief.observe([cell], [known[cell]])
         if seen is not None and belief.variogram == variogram:
             found.append(seen)

@@ -7,6 +7,7 @@ import numpy as np
 from fleet.contexts.base import Environment
 from fleet.energy.accounting import EnergyModel
 from fleet.errors import ContextError
+from fleet.functions.belief import Belief
 from fleet.functions.classes import class_mean, classes, likely_values
 from fleet.planning.stop import Claims
 from fleet.planning.swarm import Swarm, scattered
@@ -25,7 +26,7 @@ def rehearse(environment: Environment, energy: EnergyModel, agents: int, tactics
     values = environment.truth.reshape(-1)
     mean = class_mean(environment.truth, environment)
     truth = classes(environment.truth, mean)
-    swarm = Swarm(environment.grid, energy, scattered(environment.grid, agents, seed), tactics)
+    swarm = Swarm(Belief.over(environment), energy, scattered(environment.grid, agents, seed), tactics)
     found: list[float] = []
     spent_j: list[float] = []
 

@@ -20,7 +20,6 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from fleet.contexts.grid import Grid
 from fleet.energy.accounting import EnergyModel
 from fleet.errors import MissionError
 from fleet.functions.belief import Belief
@@ -69,7 +68,7 @@ class Scouting:
     """A mission as an agent sees it, or all of them when they hear of each other at once.
 
     Args:
-        grid: The field's cells.
+        belief: What is believed of the field before the first capture.
         energy: What moves and captures cost.
         scouts: The agents where they take off.
         tactics: How they scout.
@@ -77,11 +76,15 @@ class Scouting:
     """
 
     def __init__(
-        self, grid: Grid, energy: EnergyModel, scouts: Sequence[Scout], tactics: Tactics, rule: StopRule | None = None
+        self,
+        belief: Belief,
+        energy: EnergyModel,
+        scouts: Sequence[Scout],
+        tactics: Tactics,
+        rule: StopRule | None = None,
     ) -> None:
-        self.grid, self.energy, self.tactics, self.rule = grid, energy, tactics, rule
-        self.finder = PathFinder(grid, energy, tactics.search)
-        self.belief = Belief(grid)
+        self.belief, self.grid, self.energy, self.tactics, self.rule = belief, belief.grid, energy, tactics, rule
+        self.finder = PathFinder(self.grid, energy, tactics.search)
         self.outlook = Outlook(self.belief, tactics.search.horizon)
         self.calibration = Calibration()
         self.claims: list[Claim] = []

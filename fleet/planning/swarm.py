@@ -14,6 +14,7 @@ import numpy as np
 
 from fleet.contexts.grid import Grid
 from fleet.energy.accounting import EnergyModel
+from fleet.functions.belief import Belief
 from fleet.missions.odometer import Odometer
 from fleet.missions.partition import parts
 from fleet.planning.scouting import Ending, Scout, Scouting
@@ -58,9 +59,14 @@ class Swarm(Scouting):
     """A mission of a swarm; arguments as of `Scouting`."""
 
     def __init__(
-        self, grid: Grid, energy: EnergyModel, scouts: Sequence[Scout], tactics: Tactics, rule: StopRule | None = None
+        self,
+        belief: Belief,
+        energy: EnergyModel,
+        scouts: Sequence[Scout],
+        tactics: Tactics,
+        rule: StopRule | None = None,
     ) -> None:
-        super().__init__(grid, energy, scouts, tactics, rule)
+        super().__init__(belief, energy, scouts, tactics, rule)
         self.traces = [Trace(Odometer(energy)) for _ in self.scouts]
         self._order: dict[int, int] = {}
 

@@ -146,7 +146,7 @@ class _Told:
     """The captures of a mission, told again in the order of time."""
 
     def __init__(self, environment: Environment, mission: MissionRun, column: int) -> None:
-        self.belief, self.calibration = Belief(environment.grid), Calibration()
+        self.belief, self.calibration = Belief.over(environment), Calibration()
         self.true, self.mean = None, 0.0
         if environment.truth is not None:
             self.mean = class_mean(environment.truth, environment)

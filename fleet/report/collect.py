@@ -7,7 +7,7 @@ import json
 import re
 import zipfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypeVar
 
@@ -19,6 +19,7 @@ from fleet.contexts.base import Context, Environment
 from fleet.contexts.cube import AutonomyCube
 from fleet.contexts.load import load_context
 from fleet.errors import ContextError, ObjectNotFound
+from fleet.functions import wire
 from fleet.learning.reward import RewardModel
 from fleet.missions.documents import (
     INITIAL,
@@ -194,12 +195,20 @@ def _mission(reader: _Reader, paths: FleetPaths, number: int, order: list[str]) 
     return MissionRun(
         number=number,
         context=name,
-        environment=context.environment if context else None,
+        environment=_place(reader, paths, number, context),
         rendered=isinstance(context, AutonomyCube) and context.renders,
         agents=agents,
         evaluation=evaluation,
         artefacts=reader.document(paths.artefacts(number), _grids) or {},
     )
+
+
+def _place(reader: _Reader, paths: FleetPaths, number: int, context: Context | None) -> Environment | None:
+    """The context's environment, with what the mission expected of it."""
+    if context is None:
+        return None
+    flown = reader.document(paths.environment(number), lambda data: wire.decode_environment(wire.load(data)))
+    return replace(context.environment, expected=flown.expected) if flown else context.environment
 
 
 def _agents(storage: Storage, paths: FleetPaths, number: int, order: list[str]) -> list[str]:

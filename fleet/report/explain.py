@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, TypeVar
 from pydantic import ValidationError
 
 from fleet.errors import MissionError, ObjectNotFound
-from fleet.functions import wire
 from fleet.missions.flight import LAND, GroupHistory
 from fleet.missions.layout import MOVES
 from fleet.missions.records import Record, read_log, records_after_gap
 from fleet.report.collect import mission_numbers
 from fleet.runtime.group_mind import GroupMind, GroupThought
 from fleet.runtime.mind import Mind, open_mind
+from fleet.runtime.remembering import stored_environment
 from fleet.runtime.settings import Settings
 
 if TYPE_CHECKING:
@@ -181,7 +181,7 @@ def open_log(settings: Settings) -> FlownLog:
         raise MissionError(f"the log {of} has no step that can be read; it is empty or damaged")
     order = _opened(f"the plan of mission {number}", lambda: settings.order)
     place = f"the place of mission {number}"
-    environment = _opened(place, lambda: wire.decode_environment(wire.load(storage.read(paths.environment(number)))))
+    environment = _opened(place, lambda: stored_environment(settings))
     mind = _opened(f"what {settings.agent} flew mission {number} with", lambda: open_mind(settings, environment))
     return FlownLog(order.context, records, records_after_gap(data), mind)
 

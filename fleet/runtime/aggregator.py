@@ -7,7 +7,6 @@ import logging
 from fleet.aggregation.retrain import retrain
 from fleet.aggregation.subsets import Subset, subsets_for
 from fleet.errors import MissionError
-from fleet.functions import wire
 from fleet.learning.model import SAModel
 from fleet.learning.models import load_model
 from fleet.learning.planner import PlannerModel, load_planner
@@ -16,6 +15,7 @@ from fleet.missions.documents import INITIAL, RetrainingReport
 from fleet.randomness import named_seed
 from fleet.runtime.evaluation import read_logs
 from fleet.runtime.meter import Meter
+from fleet.runtime.remembering import stored_environment
 from fleet.runtime.settings import Settings
 from fleet.spec.learning import SAKind
 
@@ -53,7 +53,6 @@ def _retrained(settings: Settings, subset: Subset, saved: bytes) -> tuple[SAMode
     if settings.fleet.sa.kind is SAKind.PLANNER:
         from fleet.learning.planner_lessons import retrain_planner  # noqa: PLC0415 - loads scipy and numba
 
-        environment = wire.decode_environment(wire.load(storage.read(paths.environment(number))))
-        return retrain_planner(load_planner(saved, reward.features), logs, environment.grid, reward)
+        return retrain_planner(load_planner(saved, reward.features), logs, stored_environment(settings), reward)
     seed = named_seed(settings.order.seed, f"retrain/{number}/{subset.key}")
     return retrain(load_model(saved), logs, subset, reward, settings.fleet.online_learning.retraining, seed)

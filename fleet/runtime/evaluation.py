@@ -24,13 +24,6 @@ from fleet.runtime.settings import Settings
 _log = logging.getLogger(__name__)
 
 
-def keep_environment(settings: Settings, environment: Environment) -> None:
-    """Put the mission's environment into storage, for Eval() of the whole mission; every agent has the same."""
-    path = settings.paths.environment(settings.mission)
-    if not settings.storage.exists(path):
-        settings.storage.write(path, wire.dump(wire.encode_environment(environment)))
-
-
 def evaluate_if_last(settings: Settings, evaluator: EvalClient) -> bool:
     """Evaluate the mission when every agent has landed and nobody has done it yet.
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from fleet.clock import SystemClock
 from fleet.contexts.base import Environment
 from fleet.errors import MissionError, ModelError
+from fleet.functions.belief import Belief
 from fleet.learning.planner import blended, load_planners
 from fleet.learning.reward import RewardModel
 from fleet.missions.flight import LAND, Decision
@@ -65,7 +66,7 @@ class ScoutMind:
         self.agents = tuple(agent.name for agent in fleet.agents.resolved)
         scouts = [Scout(start) for start in layout_of(environment.grid, fleet).starts]
         tactics = Tactics(weights=blended(self.models, self.weights))
-        self.scouting = Scouting(environment.grid, settings.energy, scouts, tactics, self.rule)
+        self.scouting = Scouting(Belief.over(environment), settings.energy, scouts, tactics, self.rule)
         self.memory: dict[int, NDArray[np.float64]] = {}
         self._hearing = Hearing(settings, SystemClock())
         self._untold: list[tuple[float, int, float]] = []

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from fleet.aggregation.latest import latest_models
 from fleet.aggregation.subsets import subsets_for
 from fleet.errors import MissionError
-from fleet.functions import wire
 from fleet.learning.goals import Objective
 from fleet.learning.model import SAModel
 from fleet.learning.models import load_model
@@ -22,6 +22,7 @@ from fleet.missions.layout import Layout, layout_of
 from fleet.missions.records import Record
 from fleet.randomness import named_seed
 from fleet.runtime.evaluation import read_logs
+from fleet.runtime.remembering import captured_values, found, stored_environment
 from fleet.runtime.settings import Settings
 from fleet.spec.learning import SAKind
 from fleet.usefulness.belief import believed_ssv
@@ -78,9 +79,8 @@ class _Flown:
         if not storage.exists(paths.evaluation(number)):
             raise MissionError(f"mission {number} is not over; its weights tell nothing yet")
         self._evaluation = MissionEvaluation.model_validate_json(storage.read(paths.evaluation(number)))
-        environment = wire.decode_environment(wire.load(storage.read(paths.environment(number))))
-        fleet = settings.fleet
-        self._layout = layout_of(environment.grid, fleet)
+        self._environment = stored_environment(settings.at_mission(number))
+        self._layout = layout_of(self._environment.grid, settings.fleet)
         self._efforts = self._efforts_of(self._layout)
         self._loss = self._loss_of(self._layout)
 
@@ -121,12 +121,13 @@ class _Flown:
 
         settings, storage = self._settings, self._settings.storage
         reward = RewardModel.model_validate_json(storage.read(settings.paths.reward))
-        believed = believed_ssv(self._layout.grid, logs)
+        captured = captured_values(logs, reward, self._environment.grid)
+        map_ = found(self._environment, captured)
         return PlannedReplayer(
             layout=self._layout,
+            environment=replace(self._environment, truth=map_),
             agents=list(self._efforts),
-            values=np.asarray(believed[:, reward.features.index(reward.of_planner.feature)]),
-            captured=len({record.cell for log in logs.values() for record in log if record.captured}),
+            captured=int(np.count_nonzero(np.isfinite(captured))),
             flown=self._order.weights,
             before=load_planners(storage, self._order.models),
             after=load_planners(storage, models),

@@ -20,8 +20,9 @@ from fleet.functions.clients import open_eval, open_map
 from fleet.functions.contract import AgentMetrics, EvalClient, MapClient, Metrics
 from fleet.missions.documents import Landing
 from fleet.missions.records import Record, read_log
-from fleet.runtime.evaluation import evaluate_if_last, feature_space_of, keep_environment
+from fleet.runtime.evaluation import evaluate_if_last, feature_space_of
 from fleet.runtime.pilot import Pilot
+from fleet.runtime.remembering import kept_environment
 from fleet.runtime.settings import Settings
 
 _log = logging.getLogger(__name__)
@@ -53,8 +54,7 @@ def _fly(settings: Settings, sensor: SensorClient, evaluator: EvalClient) -> tup
     """Fly; a failure that no restart can heal becomes a landing."""
     metrics = AgentMetrics(settings.agent)
     try:
-        environment = sensor.environment()
-        keep_environment(settings, environment)
+        environment = kept_environment(settings, sensor.environment())
         pilot = Pilot(settings, environment)
         try:
             _Loop(settings, sensor, evaluator, environment, pilot).fly()

@@ -134,6 +134,11 @@ class OnlineLearning(Model):
         ge=0,
         le=1024,
     )
+    memory: bool = Field(
+        default=True,
+        description="Planner: a mission expects of each cell what the missions before it found there, and Eval() is "
+        "told (`environment.expected`). Where shaping finds that Eval() makes no use of it, nothing is expected.",
+    )
     replay_noise: Positive = Field(
         default=2.0, description="Standard deviation of a replay's noise, as a multiple of a mission's."
     )

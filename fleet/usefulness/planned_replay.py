@@ -21,7 +21,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from fleet.contexts.base import Environment
 from fleet.energy.accounting import EnergyModel
+from fleet.functions.belief import Belief
 from fleet.functions.classes import classes, likely_values
 from fleet.learning.planner import PlannerModel, blended
 from fleet.missions.layout import Layout
@@ -47,8 +49,8 @@ class PlannedReplayer:
 
     Args:
         layout: Who flew where.
+        environment: What was expected there; its truth is what the mission's records say of each cell.
         agents: Names of the agents, in the layout's order.
-        values: What is believed of each cell, float64 [cells]; NaN without data.
         captured: How many cells the mission captured.
         flown: Weights of each agent in the last mission.
         before: The models that flew in it.
@@ -58,8 +60,8 @@ class PlannedReplayer:
     """
 
     layout: Layout
+    environment: Environment
     agents: Sequence[str]
-    values: NDArray[np.float64]
     captured: int
     flown: Mapping[str, Weights]
     before: Mapping[str, PlannerModel]
@@ -109,9 +111,11 @@ class PlannedReplayer:
         if number:
             starts = tuple(scout.cell for scout in scattered(grid, len(self.agents), number))
         scouts = [Scout(start, interest) for start, interest in zip(starts, interests, strict=True)]
-        swarm, curve = Swarm(grid, self.energy, scouts, Tactics()), _Curve()
-        mean = float(np.nanmean(self.values))
-        true = classes(self.values.reshape(grid.valid.shape), mean)
+        swarm, curve = Swarm(Belief.over(self.environment), self.energy, scouts, Tactics()), _Curve()
+        assert self.environment.truth is not None
+        values = np.where(grid.valid, self.environment.truth, np.nan)
+        mean = float(np.nanmean(values))
+        true = classes(values, mean)
 
         def watch() -> bool:
             found = classes(likely_values(swarm.belief.prediction(), mean), mean)
@@ -120,7 +124,7 @@ class PlannedReplayer:
             curve.captured.append(len(swarm.captured))
             return is_over(curve)
 
-        swarm.fly(lambda cell: float(self.values[cell]), watch)
+        swarm.fly(lambda cell: float(values.flat[cell]), watch)
         return curve
 
 

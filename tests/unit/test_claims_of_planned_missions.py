@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from sklearn.calibration import calibration_curve
 
 from fleet.contexts.base import Environment
+from fleet.functions.belief import Belief
 from fleet.functions.classes import class_probabilities, classes, likely_values
 from fleet.missions.records import Record, read_log
 from fleet.planning.calibration import Calibration
@@ -44,7 +45,7 @@ class Recorded(Swarm):
 
     def __init__(self, truth: Values, agents: int) -> None:
         grid = environment(truth).grid
-        super().__init__(grid, ENERGY, scattered(grid, agents, 4), Tactics(weights=WEIGHTS), PLANNER.rule)
+        super().__init__(Belief(grid), ENERGY, scattered(grid, agents, 4), Tactics(weights=WEIGHTS), PLANNER.rule)
         self.truth, self.mean = truth, float(np.nanmean(truth))
         self.true: list[float] = []
         self.logs: list[list[Record]] = [[] for _ in range(agents)]

@@ -12,6 +12,7 @@ import pytest
 
 from fleet.energy.model import energy_model
 from fleet.errors import MissionError
+from fleet.functions.belief import Belief
 from fleet.learning.planner import PlannerModel, load_planner
 from fleet.missions.documents import MissionOrder, ModelReference
 from fleet.missions.flight import LAND
@@ -75,7 +76,7 @@ def relived(storage: LocalStorage, agent: str, step: ScoutExplanation) -> Scouti
     grid = environment(TRUTH).grid
     scouts = [Scout(log_of(storage, name)[0].cell) for name in AGENTS]
     scouts[me].cell = step.record.cell
-    scouting = Scouting(grid, energy_model(spec_of(2).spec), scouts, Tactics(), REWARD.of_planner.rule)
+    scouting = Scouting(Belief(grid), energy_model(spec_of(2).spec), scouts, Tactics(), REWARD.of_planner.rule)
     for _, _, cell in sorted(captures):
         scouting.take_in(cell, float(TRUTH.flat[cell]))
     return scouting

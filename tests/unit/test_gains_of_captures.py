@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from fleet.contexts.grid import Grid
+from fleet.functions.belief import Belief
 from fleet.functions.classes import class_probabilities, classes, likely_values
 from fleet.functions.kriging import Prediction, Variogram, fit, predict
 from fleet.learning.planner import Evidence, PlannerModel
@@ -127,7 +128,7 @@ def test_what_captures_brought_is_what_maps_made_anew_say(truth: Values, share: 
     known = truth.reshape(-1).copy()
     if share < 1.0:
         known[order[len(cells) :]] = np.nan
-    features, brought = gains(place.grid, cells, known)
+    features, brought = gains(Belief(place.grid), cells, known)
     slow_features, slow_brought = plainly(place.grid, cells, known)
     assert len(brought) > 20
     assert features == pytest.approx(np.array(slow_features), abs=1e-9)
@@ -139,8 +140,8 @@ def test_a_cell_that_is_captured_again_brings_nothing_and_does_not_count() -> No
     truth = drawn(1, 9, 10)
     cells = np.random.default_rng(3).permutation(truth.size).tolist()
     twice = [cell for pair in zip(cells, [cells[0], *cells], strict=False) for cell in pair]
-    once = gains(environment(truth).grid, cells, truth.reshape(-1))
-    again = gains(environment(truth).grid, twice, truth.reshape(-1))
+    once = gains(Belief(environment(truth).grid), cells, truth.reshape(-1))
+    again = gains(Belief(environment(truth).grid), twice, truth.reshape(-1))
     np.testing.assert_array_equal(again[0], once[0])
     np.testing.assert_array_equal(again[1], once[1])
 
@@ -148,14 +149,14 @@ def test_a_cell_that_is_captured_again_brings_nothing_and_does_not_count() -> No
 @pytest.mark.parametrize("count", [1, FEW - 1, FEW])
 def test_the_first_captures_say_nothing(count: int) -> None:
     truth = drawn(1, 9, 10)
-    features, brought = gains(environment(truth).grid, list(range(count)), truth.reshape(-1))
+    features, brought = gains(Belief(environment(truth).grid), list(range(count)), truth.reshape(-1))
     assert (features.shape, brought.shape) == ((0, 3), (0,))
 
 
 def test_of_many_captures_some_are_looked_at_evenly() -> None:
     truth = drawn(2, 24, 28)
     cells = np.random.default_rng(1).permutation(truth.size).tolist()
-    features, brought = gains(environment(truth).grid, cells, truth.reshape(-1))
+    features, brought = gains(Belief(environment(truth).grid), cells, truth.reshape(-1))
     assert MOST - 25 <= len(brought) < MOST
     assert np.abs(brought).max() <= FARTHEST
     novelty = features[:, 2]  # it falls as the field fills: looks at the first captures alone would say otherwise
@@ -189,17 +190,17 @@ def scattered_cells(truth: Values, seed: int) -> list[int]:
 
 def learned(truth: Values, missions: int) -> InterestWeights:
     """What a model makes of some missions that captured half of a field here and there."""
-    model, grid = first_planner(REWARD), environment(truth).grid
+    model = first_planner(REWARD)
     for seed in range(missions):
         cells = scattered_cells(truth, seed)
-        model, count = retrain_planner(model, {"a": log(cells, truth)}, grid, REWARD)
+        model, count = retrain_planner(model, {"a": log(cells, truth)}, environment(truth), REWARD)
         assert 100 < count < MOST
     return model.interest
 
 
 def test_captures_in_a_band_of_doubt_bring_more_and_doubt_gains_weight_over_novelty() -> None:
     truth = banded()
-    features, brought = gains(environment(truth).grid, scattered_cells(truth, 0), truth.reshape(-1))
+    features, brought = gains(Belief(environment(truth).grid), scattered_cells(truth, 0), truth.reshape(-1))
     doubtful = features[:, 0] > 0.3
     assert brought[doubtful].mean() > brought[~doubtful].mean() + 0.2
     found = learned(truth, missions=6)
@@ -223,16 +224,16 @@ def test_a_mission_over_white_noise_hardly_moves_the_weights() -> None:
 def test_a_subset_learns_from_its_agents_captures_in_the_order_of_mission_time() -> None:
     truth = drawn(5, 12, 14)
     place, first = environment(truth), first_planner(REWARD)
-    swarm = Swarm(place.grid, ENERGY, scattered(place.grid, 2, 1), Tactics())
+    swarm = Swarm(Belief(place.grid), ENERGY, scattered(place.grid, 2, 1), Tactics())
     swarm.fly(truth.item)
     logs = {f"agent-{index + 1}": tuple(flown(swarm, index, truth)) for index in range(2)}
-    together, count = retrain_planner(first, logs, place.grid, REWARD)
+    together, count = retrain_planner(first, logs, place, REWARD)
     merged = [record.cell for record in sorted((r for log in logs.values() for r in log), key=lambda r: r.time_s)]
-    features, brought = gains(place.grid, merged, truth.reshape(-1))
+    features, brought = gains(Belief(place.grid), merged, truth.reshape(-1))
     assert count == together.captures == len(brought)
     assert together.moments == pytest.approx(features.T @ features)
     assert together.products == pytest.approx(features.T @ brought)
-    alone, of_one = retrain_planner(first, {"agent-1": logs["agent-1"]}, place.grid, REWARD)
+    alone, of_one = retrain_planner(first, {"agent-1": logs["agent-1"]}, place, REWARD)
     assert 0 < of_one < count
     assert not np.allclose(alone.moments, together.moments)
 
@@ -247,7 +248,7 @@ def flown(swarm: Swarm, index: int, truth: Values) -> list[Record]:
 @pytest.mark.parametrize("logs", [{}, {"agent-1": ()}])
 def test_without_captures_the_model_stays_what_it_was(logs: Mapping[str, Sequence[Record]]) -> None:
     first = first_planner(REWARD)
-    model, count = retrain_planner(first, logs, environment(drawn(1)).grid, REWARD)
+    model, count = retrain_planner(first, logs, environment(drawn(1)), REWARD)
     assert (model.to_bytes(), count) == (first.to_bytes(), 0)
 
 
@@ -273,9 +274,9 @@ def test_training_learns_from_simulated_missions_over_each_context(tmp_path: Pat
         truth = one.environment.truth
         assert truth is not None
         scouts = scattered(one.environment.grid, 2, named_seed(3, f"training/{number}"))
-        swarm = Swarm(one.environment.grid, ENERGY, scouts, Tactics(weights=USUAL), REWARD.of_planner.rule)
+        swarm = Swarm(Belief(one.environment.grid), ENERGY, scouts, Tactics(weights=USUAL), REWARD.of_planner.rule)
         swarm.fly(truth.item)
-        plain = plain.updated(Evidence(*gains(one.environment.grid, swarm.captured, truth.reshape(-1))))
+        plain = plain.updated(Evidence(*gains(Belief(one.environment.grid), swarm.captured, truth.reshape(-1))))
     assert model.to_bytes() == plain.to_bytes()
 
 

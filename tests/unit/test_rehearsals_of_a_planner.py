@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from fleet.errors import ModelError, TrainingError
+from fleet.functions.belief import Belief
 from fleet.functions.contract import FeatureSpace
 from fleet.learning.goals import Objective
 from fleet.learning.practice import Grounds
@@ -56,7 +57,7 @@ def flown(grounds: Grounds, number: int, weights: InterestWeights) -> list[Momen
     place = terrain.environment
     assert place.truth is not None
     scouts = scattered(place.grid, 2, named_seed(named_seed(SEED, "shaping/rehearsals"), f"{number}"))
-    swarm, moments = Swarm(place.grid, ENERGY, scouts, Tactics(weights=weights)), list[Moment]()
+    swarm, moments = Swarm(Belief(place.grid), ENERGY, scouts, Tactics(weights=weights)), list[Moment]()
 
     def watch() -> bool:
         cells = np.sort(np.array(swarm.captured))
@@ -132,7 +133,7 @@ def test_what_a_mission_has_spent_is_what_its_odometers_say_and_the_landings() -
     fleet = planner_fleet()
     grounds = planner_grounds(fleet)
     grid = grounds.terrains[0].environment.grid
-    swarm = Swarm(grid, ENERGY, scattered(grid, 2, 1), Tactics())
+    swarm = Swarm(Belief(grid), ENERGY, scattered(grid, 2, 1), Tactics())
     swarm.fly(drawn(1, 9, 11).item)
     odometers: list[Odometer] = [trace.odometer for trace in swarm.traces]
     assert swarm.spent_j == pytest.approx(sum(one.energy_j for one in odometers) + 2 * ENERGY.land().energy_j)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
+from fleet.functions.belief import Belief
 from fleet.functions.classes import classes, likely_values
 from fleet.learning.goals import Objective
 from fleet.learning.planner import PlannerModel
@@ -53,8 +54,8 @@ def mission_loss(accuracy: float) -> MissionLoss:
 def replayer(truth: Values, flown: Mapping[str, Weights], accuracy: float = 0.8, share: float = 0.4) -> PlannedReplayer:
     return PlannedReplayer(
         layout=layout_over(truth),
+        environment=environment(truth),
         agents=AGENTS,
-        values=truth.reshape(-1),
         captured=int(share * np.isfinite(truth).sum()),
         flown=flown,
         before=MODELS,
@@ -89,7 +90,7 @@ def curve_of(truth: Values, weights: InterestWeights, number: int) -> list[tuple
     """Accuracy of the map, energy and captured cells at each look of a mission over the whole field."""
     layout, curve, mean = layout_over(truth), list[tuple[float, float, int]](), float(np.nanmean(truth))
     scouts = scattered(layout.grid, 2, number) if number else [Scout(start) for start in layout.starts]
-    swarm = Swarm(layout.grid, ENERGY, scouts, Tactics(weights=weights))
+    swarm = Swarm(Belief(layout.grid), ENERGY, scouts, Tactics(weights=weights))
 
     def watch() -> bool:
         found = classes(likely_values(swarm.belief.prediction(), mean), mean)

@@ -12,6 +12,7 @@ import pytest
 from fleet.contexts.base import Environment
 from fleet.contexts.grid import Grid
 from fleet.errors import ContextError, MissionError
+from fleet.functions.belief import Belief
 from fleet.functions.classes import class_mean, classes, likely_values
 from fleet.functions.kriging import fit, krige
 from fleet.missions.layout import MOVES
@@ -91,7 +92,7 @@ def flown(
     truth: Values, agents: int, tactics: Tactics = QUICK, seed: int = 0, rule: StopRule | None = None
 ) -> tuple[Bounded, Sensor]:
     grid, sensor = environment(truth).grid, Sensor(truth)
-    swarm = Bounded(grid, ENERGY, scattered(grid, agents, seed), tactics, rule)
+    swarm = Bounded(Belief(grid), ENERGY, scattered(grid, agents, seed), tactics, rule)
     swarm.fly(sensor)
     return swarm, sensor
 
@@ -136,7 +137,7 @@ def test_a_cell_is_captured_twice_only_by_agents_that_had_not_heard_of_each_othe
 def test_each_move_is_to_a_neighbour_and_the_last_one_is_that_of_the_plan(agents: int, go: tuple[bool, bool]) -> None:
     truth = with_holes()
     grid = Grid(np.isfinite(truth), 3.0, 2.0, *go)
-    swarm = Swarm(grid, ENERGY, scattered(grid, agents, 1), QUICK)
+    swarm = Swarm(Belief(grid), ENERGY, scattered(grid, agents, 1), QUICK)
     swarm.fly(Sensor(truth))
     for scout, trace in zip(swarm.scouts, swarm.traces, strict=True):
         for here, there in pairwise(trace.cells):
@@ -153,7 +154,7 @@ def test_each_move_is_to_a_neighbour_and_the_last_one_is_that_of_the_plan(agents
 def test_each_agent_takes_off_in_a_part_of_its_own(agents: int) -> None:
     truth = in_two_pieces()
     grid = environment(truth).grid
-    starts = [scout.cell for scout in Swarm(grid, ENERGY, scattered(grid, agents, 3), QUICK).scouts]
+    starts = [scout.cell for scout in Swarm(Belief(grid), ENERGY, scattered(grid, agents, 3), QUICK).scouts]
     divided = parts(grid, agents)
     assert [start in part for start, part in zip(starts, divided, strict=True)] == [True] * agents
     assert len(set(starts)) == agents
@@ -173,7 +174,7 @@ def test_agents_that_find_nothing_worth_its_energy_still_get_on() -> None:
     dear = Tactics(moves=1, thrift=50.0, weights=InterestWeights(novelty=0.0), search=Search(horizon=8, width=12))
     for seed in range(20):
         truth = drawn(seed, 10, 12)
-        swarm = Swarm(environment(truth).grid, ENERGY, scattered(environment(truth).grid, 5, seed), dear)
+        swarm = Swarm(Belief(environment(truth).grid), ENERGY, scattered(environment(truth).grid, 5, seed), dear)
         swarm.fly(truth.item)
         assert swarm.belief.captured == truth.size
         assert sum(len(trace.cells) for trace in swarm.traces) < 10 * truth.size
@@ -181,7 +182,7 @@ def test_agents_that_find_nothing_worth_its_energy_still_get_on() -> None:
 
 def test_a_sensor_that_gives_no_number_is_named() -> None:
     grid = environment(drawn(1)).grid
-    swarm = Swarm(grid, ENERGY, scattered(grid, 2, 0), QUICK)
+    swarm = Swarm(Belief(grid), ENERGY, scattered(grid, 2, 0), QUICK)
     with pytest.raises(MissionError, match="the sensor gave nan in cell"):
         swarm.fly(lambda cell: float("nan"))
 
@@ -236,7 +237,7 @@ def test_claims_are_made_at_looks_and_one_claim_lands_each_agent() -> None:
 
 def test_claims_are_watched_one_by_one() -> None:
     truth, seen = FIELDS["smooth"], []
-    swarm = Swarm(environment(truth).grid, ENERGY, scattered(environment(truth).grid, 2, 0), QUICK)
+    swarm = Swarm(Belief(environment(truth).grid), ENERGY, scattered(environment(truth).grid, 2, 0), QUICK)
 
     def watch() -> bool:
         seen.append((len(swarm.claims), swarm.belief.captured))
@@ -249,7 +250,7 @@ def test_claims_are_watched_one_by_one() -> None:
 def test_a_mission_that_is_watched_ends_where_the_watcher_says() -> None:
     truth = FIELDS["smooth"]
     grid = environment(truth).grid
-    swarm = Swarm(grid, ENERGY, scattered(grid, 2, 0), QUICK)
+    swarm = Swarm(Belief(grid), ENERGY, scattered(grid, 2, 0), QUICK)
     swarm.fly(Sensor(truth), lambda: len(swarm.claims) == 7)
     assert len(swarm.claims) == 7
     assert swarm.belief.captured < swarm.belief.cells
@@ -301,7 +302,7 @@ def test_the_truth_of_a_claim_is_that_of_the_map_at_that_moment() -> None:
     """With a covariance that was fitted just then the map is that of kriging from scratch."""
     truth = FIELDS["smooth"]
     place, seen = environment(truth), np.full(truth.shape, np.nan)
-    swarm = Swarm(place.grid, ENERGY, scattered(place.grid, 2, 4), QUICK)
+    swarm = Swarm(Belief(place.grid), ENERGY, scattered(place.grid, 2, 4), QUICK)
     fitted: list[float | None] = []
 
     def sense(cell: int) -> float:
