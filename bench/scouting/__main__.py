@@ -20,7 +20,7 @@ from rich.console import Console
 
 from bench.scouting.aims import BEST_OF, LATTICE, against_best, at_equal_cells, of_fields
 from bench.scouting.campaign import Curves, Job, flown, jobs, write
-from bench.scouting.fields import AIMED, NAMES
+from bench.scouting.fields import AIMED, NAMES, REAL
 from bench.scouting.judge import How
 from bench.scouting.plots import draw
 from bench.scouting.registry import plans
@@ -34,7 +34,7 @@ TOLD = (How.NM, How.KR, How.LIKELY)
 def main() -> None:
     """Fly, print and write."""
     arguments = _arguments()
-    names, places = arguments.plans or list(plans()), arguments.fields or list(AIMED if arguments.short else NAMES)
+    names, places = arguments.plans or list(plans()), arguments.fields or list(REAL if arguments.short else NAMES)
     wanted = jobs(names, places, arguments.agents, arguments.seeds or (SHORT_SEEDS if arguments.short else 10))
     console = Console(width=None if sys.stdout.isatty() else 160)
     start = time.perf_counter()
@@ -71,7 +71,7 @@ def show(curves: Curves, console: Console, against: str, hows: Sequence[How] = T
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--short", action="store_true", help=f"{SHORT_SEEDS} seeds, the four fields of the aims")
+    parser.add_argument("--short", action="store_true", help=f"{SHORT_SEEDS} seeds, the real fields")
     parser.add_argument("--seeds", type=int)
     parser.add_argument("--fields", nargs="+", choices=NAMES)
     parser.add_argument("--plans", nargs="+", choices=list(plans()))
