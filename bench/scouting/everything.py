@@ -121,7 +121,7 @@ def run(form: Form, wanted: Sequence[Part]) -> list[str]:
 
 def ran(form: Form, part: Part, command: Sequence[str]) -> dict[str, Any]:
     """Run a part; what it prints is shown, and kept."""
-    started, clock = datetime.now(UTC), time.perf_counter()
+    started, clock, on = datetime.now(UTC), time.perf_counter(), machine.facts()
     form.file(part.name).unlink(missing_ok=True)
     printed = []
     with subprocess.Popen([sys.executable, *command], stdout=subprocess.PIPE, text=True, encoding="utf-8") as process:
@@ -137,7 +137,7 @@ def ran(form: Form, part: Part, command: Sequence[str]) -> dict[str, Any]:
         "started": started.isoformat(timespec="seconds"),
         "seconds": round(seconds, 1),
         "exit_code": code,
-        "machine": machine.facts(),
+        "machine": on,
         "tables": "".join(printed),
         "results": None if code else json.loads(form.file(part.name).read_text(encoding="utf-8")),
     }
