@@ -23,11 +23,12 @@ _MARKS = {
 
 
 def draw(results: Results, path: Path) -> None:
-    """Write the picture, means over the fields of the aims and over the seeds.
+    """Write the picture; the ending of its path says of what kind."""
+    picture(results).savefig(path, dpi=110)
 
-    Args:
-        path: Where to; its ending says the kind of picture.
-    """
+
+def picture(results: Results) -> Figure:
+    """Means over the fields of the aims and over the seeds: one panel for each kind of map, and one for the sizes."""
     aims = results.on(averaged_over(results.fields))
     panels = len(aims.hows) + 1
     figure = Figure((_PANEL_INCHES[0] * panels, _PANEL_INCHES[1] + 0.9), layout="constrained")
@@ -36,7 +37,7 @@ def draw(results: Results, path: Path) -> None:
         _arms(panel, aims.shaped_by(how), how)
     _sizes(axes[-1], aims.shaped_by(aims.hows[0]))
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=3, fontsize="small")
-    figure.savefig(path, dpi=110)
+    return figure
 
 
 def _arms(panel: Axes, shaped: Results, how: How) -> None:
