@@ -9,7 +9,7 @@ part its command, its duration and its figures; `tables.txt` all that was printe
 that fails is told at the end, the others run on. What is there already, by the same command at the same commit, is not
 flown again unless --fresh is given: a run that was broken off goes on.
 
-The full form takes about an hour and a half on two cores, half of it the paper's swarm. The short form takes two
+The full form takes about an hour on two cores, half of it the paper's swarm. The short form takes two
 minutes: two seeds, quick learning and few fields; its figures say that everything runs, not more.
 """
 
