@@ -1,10 +1,11 @@
 """Which plan scouts best, on fields that none of them has seen?
 
     python -m bench.scouting [--short] [--seeds 10] [--fields ...] [--plans ...] [--agents 4] [--workers 2]
-        [--hows nm kr likely]
+        [--hows nm kr likely] [--against "transects, rows"] [--read FILE]
 
 Prints what each plan needs for 70, 80 and 90 % accuracy, and accuracy at equal energy with paired differences; writes
-every curve to bench/out/scouting.json and draws them beside it. A field that is flown is never among those that a plan
+every curve to bench/out/scouting.json and draws them beside it. With --read it prints what a file of curves says, and
+flies nothing. A field that is flown is never among those that a plan
 has learned from.
 """
 
@@ -19,8 +20,8 @@ from pathlib import Path
 from rich.console import Console
 
 from bench.scouting.aims import BEST_OF, LATTICE, against_best, at_equal_cells, of_fields
-from bench.scouting.campaign import Curves, Job, flown, jobs, write
-from bench.scouting.fields import AIMED, NAMES
+from bench.scouting.campaign import Curves, Job, flown, jobs, read, write
+from bench.scouting.fields import AIMED, NAMES, REAL
 from bench.scouting.judge import How
 from bench.scouting.plots import draw
 from bench.scouting.registry import plans
@@ -34,7 +35,11 @@ TOLD = (How.NM, How.KR, How.LIKELY)
 def main() -> None:
     """Fly, print and write."""
     arguments = _arguments()
-    names, places = arguments.plans or list(plans()), arguments.fields or list(AIMED if arguments.short else NAMES)
+    if arguments.read:
+        curves = {job: curve for job, curve in read(arguments.read).items() if _is_wanted(job, arguments)}
+        show(curves, Console(width=None if sys.stdout.isatty() else 160), arguments.against, arguments.hows)
+        return
+    names, places = arguments.plans or list(plans()), arguments.fields or list(REAL if arguments.short else NAMES)
     wanted = jobs(names, places, arguments.agents, arguments.seeds or (SHORT_SEEDS if arguments.short else 10))
     console = Console(width=None if sys.stdout.isatty() else 160)
     start = time.perf_counter()
@@ -50,6 +55,12 @@ def main() -> None:
     for how in arguments.hows:
         draw(curves, how, arguments.out.with_name(f"{arguments.out.stem}-{how}.png"))
     console.print(f"{len(curves)} curves in {arguments.out}, and pictures beside it; {command}")
+
+
+def _is_wanted(job: Job, arguments: argparse.Namespace) -> bool:
+    """Whether a curve is of a plan and a field that were asked for; all are when none was."""
+    pairs = ((job.plan, arguments.plans), (job.field, arguments.fields))
+    return all(name in wanted for name, wanted in pairs if wanted)
 
 
 def show(curves: Curves, console: Console, against: str, hows: Sequence[How] = TOLD) -> None:
@@ -71,7 +82,7 @@ def show(curves: Curves, console: Console, against: str, hows: Sequence[How] = T
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--short", action="store_true", help=f"{SHORT_SEEDS} seeds, the four fields of the aims")
+    parser.add_argument("--short", action="store_true", help=f"{SHORT_SEEDS} seeds, the real fields")
     parser.add_argument("--seeds", type=int)
     parser.add_argument("--fields", nargs="+", choices=NAMES)
     parser.add_argument("--plans", nargs="+", choices=list(plans()))
@@ -79,6 +90,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--hows", nargs="+", type=How, choices=list(How), default=TOLD, help="maps that are judged")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--against", default="transects, rows", help="the plan that differences are taken to")
+    parser.add_argument("--read", type=Path, help="a file of curves, of which tables are printed")
     parser.add_argument("--out", type=Path, default=OUT)
     return parser.parse_args()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from rich.table import Table
 
 from bench.scouting.campaign import Curves
 from bench.scouting.judge import How
+from bench.scouting.ours import ours
 from bench.scouting.tables import at_energy, field_names, needed, of, plan_names, points
 
 BEST_OF = ("transects, rows", "transects, columns", "GP over its path")
@@ -28,20 +30,23 @@ def best_rival(curves: Curves, place: str, goal: int, how: How) -> tuple[str, fl
 
 
 def against_best(curves: Curves, how: How) -> Table:
-    """Accuracy of each plan minus the best rival's, in points, at the energy with which that one reaches the goal."""
-    cases = [(place, goal) for place in field_names(curves) for goal in range(len(GOALS))]
-    rivals = {case: best_rival(curves, *case, how) for case in cases}
-    titles = [f"{place} {GOALS[goal]:.0%}\n{rival} {at:.2f}" for (place, goal), (rival, at) in rivals.items()]
+    """Accuracy of our plans minus the best rival's, in points, at the energy with which that one reaches the goal.
 
-    def gap(plan: str, case: tuple[str, int]) -> str:
-        rival, energy = rivals[case]
-        if not rival or plan == rival:
-            return ""
-        ours, theirs = (at_energy(curves, name, [case[0]], energy, how) for name in (plan, rival))
-        return points(ours, theirs)
-
-    rows = {plan: [gap(plan, case) for case in cases] for plan in plan_names(curves)}
-    return _table(f"minus the best of {', '.join(BEST_OF)}; {how}, points", titles, rows)
+    Of every other plan too where none of ours was flown.
+    """
+    names = plan_names(curves)
+    shown = [plan.name for plan in ours() if plan.name in names] or names
+    title = f"minus the best of {', '.join(BEST_OF)}, at its E; {how}, points"
+    table = Table("field", "goal", "best", "its E", *shown, title=title)
+    for place, goal in product(field_names(curves), range(len(GOALS))):
+        rival, energy = best_rival(curves, place, goal, how)
+        if rival:
+            theirs = at_energy(curves, rival, [place], energy, how)
+            row = [
+                points(at_energy(curves, plan, [place], energy, how), theirs) if plan != rival else "" for plan in shown
+            ]
+            table.add_row(place, f"{GOALS[goal]:.0%}", rival, f"{energy:.3f}", *row)
+    return table
 
 
 def at_equal_cells(curves: Curves, how: How) -> Table:

@@ -3,7 +3,8 @@
     python -m bench.scouting.contexts [--short] [--seeds 10] [--agents 4] [--workers 2] [--fields ...]
 
 The swarm flies each field with what was learned on the others alone, and as a bound with what only the flown field
-itself can tell. Printed: accuracy in points above that of the default, mean over E of 20 to 60 %, with 95 % intervals.
+itself can tell. Printed: accuracy in points above that of the default, mean over E of 20 to 60 %, with 95 % intervals:
+of the fields of the aims together, and of each field.
 
 - equal weights: of the features of interest; where reward shaping starts.
 - weights by gains: coefficients of what captures brought (`bench.scouting.gains`).
@@ -15,7 +16,6 @@ itself can tell. Printed: accuracy in points above that of the default, mean ove
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -29,9 +29,10 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.scouting.campaign import known
-from bench.scouting.fields import AIMED, NAMES
+from bench.scouting.fields import NAMES, REAL, averaged_over
 from bench.scouting.gains import Gains, gains, learned, missions
 from bench.scouting.informed import ENERGIES, HOWS, NOTHING, Mission, Prior, accuracy, variogram_of
+from bench.scouting.results import write
 from bench.scouting.tables import points
 from bench.statistics import paired
 from fleet.planning.tactics import InterestWeights, Tactics
@@ -159,30 +160,35 @@ def measured(study: Study, pool: ProcessPoolExecutor) -> dict[str, Values]:
 
 def table(study: Study, found: Mapping[str, Values], how: int) -> Table:
     """Points above the default, in the mean over E, of all fields and of each, with intervals."""
-    result = Table("told beforehand", "all", *study.fields, title=f"minus the default, {HOWS[how]}, points")
+    over = averaged_over(study.fields)
+    rows = [study.fields.index(name) for name in over]
+    result = Table(
+        "told beforehand", f"mean of {len(over)}", *study.fields, title=f"minus the default, {HOWS[how]}, points"
+    )
     base = found["default"][:, :, how].mean(axis=-1)
     for name, each in found.items():
         if name != "default":
             ours = each[:, :, how].mean(axis=-1)
             row = [points(ours[index], base[index]) for index in range(len(study.fields))]
-            result.add_row(name, points(ours.mean(axis=0), base.mean(axis=0)), *row)
+            result.add_row(name, points(ours[rows].mean(axis=0), base[rows].mean(axis=0)), *row)
     return result
 
 
-def document(study: Study, found: Mapping[str, Values], command: str) -> str:
-    """The results as JSON."""
+def document(study: Study, found: Mapping[str, Values]) -> dict[str, object]:
+    """The results, for JSON."""
     base = found["default"]
+    rows = [study.fields.index(name) for name in averaged_over(study.fields)]
     runs = [
         {
             "told": name,
             "how": how.value,
             "accuracy": each[:, :, index].mean(axis=1).round(5).tolist(),
-            "points": 100 * paired(*(part[:, :, index].mean(axis=(0, 2)) for part in (each, base))).mean,
+            "points": 100 * paired(*(part[rows][:, :, index].mean(axis=(0, 2)) for part in (each, base))).mean,
         }
         for name, each in found.items()
         for index, how in enumerate(HOWS)
     ]
-    return json.dumps({"command": command, "fields": list(study.fields), "energy": ENERGIES, "runs": runs}) + "\n"
+    return {"fields": list(study.fields), "energy": ENERGIES, "runs": runs}
 
 
 def main() -> None:
@@ -192,7 +198,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int)
     parser.add_argument("--agents", type=int, default=4)
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--fields", nargs="+", choices=NAMES, default=list(AIMED))
+    parser.add_argument("--fields", nargs="+", choices=NAMES, default=list(REAL))
     parser.add_argument("--out", type=Path, default=OUT)
     arguments = parser.parse_args()
     seeds = range(arguments.seeds or (2 if arguments.short else 10))
@@ -202,8 +208,7 @@ def main() -> None:
     console = Console(width=None if sys.stdout.isatty() else 160)
     for how in range(len(HOWS)):
         console.print(table(study, found, how))
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    arguments.out.write_text(document(study, found, " ".join(sys.orig_argv[1:])), encoding="utf-8")
+    write(arguments.out, " ".join(["python", *sys.orig_argv[1:]]), document(study, found))
 
 
 if __name__ == "__main__":

@@ -1,12 +1,13 @@
 """The paper's headline figures for crop scouting, measured with our code.
 
-    python -m bench.scouting.headlines [--short] [--seeds 10] [--workers 2] [--paper bench/out/paper.json]
-        [--online bench/out/online.json] [--no-online]
+    python -m bench.scouting.headlines [--short] [--seeds 10] [--fields ...] [--workers 2]
+        [--paper bench/out/paper.json] [--online bench/out/online.json] [--no-online]
 
 Missions of `python -m bench.scouting.paper` and of `python -m bench.scouting.online` are read from their files where
 these are given, and else flown here. Two swarms are measured: the paper's, with what it learned on other fields, and
 the planned one. They and the rivals (Classic RL, and row by row, which the paper calls automated) land when their map
-meets the goal. Means over the four fields, of those on which both reach it; 95 % intervals over the seeds. In the paper
+meets the goal. Means over the four fields of the aims, and over the others, of those on which both reach it; 95 %
+intervals over the seeds. The paper's swarm is the one whose reward was shaped by the neighbour mean. In the paper
 aircraft hover until the next move is decided; with the platform they may decide while they fly. Both are printed.
 """
 
@@ -16,7 +17,7 @@ import argparse
 import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -26,11 +27,13 @@ from rich.table import Table
 
 from bench.scouting import online, paper
 from bench.scouting.campaign import known
-from bench.scouting.fields import AIMED, Field
+from bench.scouting.ends import Spent, ends
+from bench.scouting.fields import NAMES, REAL, Field, averaged_over
 from bench.scouting.flight import thorough_j
-from bench.scouting.hover import WAIT_S, classic, planned, until
+from bench.scouting.hover import WAIT_S, classic, planned
 from bench.scouting.judge import How
-from bench.scouting.lessons import Course
+from bench.scouting.lessons import QUICK, Course
+from bench.scouting.results import write
 from bench.scouting.rivals.lines import Lawnmower
 from bench.scouting.scaffold import Arm, at
 from bench.statistics import interval
@@ -42,6 +45,9 @@ HOWS = (How.NM, How.KR)
 PLANNED, PAPER, CLASSIC, LAWNMOWER = "planned", "paper's", "k-NN Classic RL", "lawnmower"
 OURS = (PAPER, PLANNED)
 _FIGURES = ("cells", "energy", "time")
+
+
+OUT = Path(__file__).resolve().parents[1] / "out" / "headlines.json"
 
 
 @dataclass(frozen=True, order=True)
@@ -63,8 +69,6 @@ class Case:
     how: How
 
 
-Spent = tuple[float, float, float]
-"""Share of the cells, energy in J, and time in s until the goal; NaN when it is not reached."""
 Tally = Mapping[Case, Values]
 """What each case spent, float64 [fields, seeds, 3]."""
 
@@ -82,11 +86,9 @@ def spent(job: tuple[str, int]) -> dict[Case, Spent]:
         lines = Lawnmower().fly(place, agents, seed, None)
         missions |= {(LAWNMOWER, hovering): lines for hovering in (False, True)}
         for (swarm, hovering), flights in missions.items():
-            for goal in GOALS:
-                for how in HOWS:
-                    cells, energy, time_s = until(place, flights, goal, how)
-                    case = Case(swarm, agents, goal, hovering, how)
-                    found[case] = cells, energy * thorough_j(place, agents), time_s
+            for (goal, how), (cells, energy, time_s) in ends(place, flights, GOALS, HOWS).items():
+                case = Case(swarm, agents, goal, hovering, how)
+                found[case] = cells, energy * thorough_j(place, agents), time_s
     return found
 
 
@@ -127,10 +129,10 @@ def cells(found: Tally, case: Case) -> Values:
     return np.asarray(np.nanmean(found[case][..., 0], axis=0))
 
 
-def figures(found: Tally, hovering: bool, how: How) -> Table:
+def figures(found: Tally, hovering: bool, how: How, where: str = "") -> Table:
     """The paper's figures beside ours."""
     what = "hovering for decisions" if hovering else "deciding in flight"
-    table = Table("figure", "published", *OURS, title=f"{what}; map by {how}")
+    table = Table("figure", "published", *OURS, title=f"{what}; map by {how}; {where}")
 
     def case(swarm: str, agents: int, goal: float) -> Case:
         return Case(swarm, agents, goal, hovering, how)
@@ -160,6 +162,22 @@ def figures(found: Tally, hovering: bool, how: How) -> Table:
     return table
 
 
+def show(found: Tally, names: Sequence[str], console: Console) -> None:
+    """Print the figures over the fields of the aims, and over the others."""
+    over = averaged_over(names)
+    for some in filter(None, (over, [name for name in names if name not in over])):
+        part = {case: values[[names.index(name) for name in some]] for case, values in found.items()}
+        for how in HOWS:
+            for hovering in (True, False):
+                console.print(figures(part, hovering, how, ", ".join(some)))
+
+
+def document(found: Tally, names: Sequence[str]) -> dict[str, object]:
+    """What each case spent, for JSON; what is not reached is null."""
+    runs = [{**asdict(case), "spent": values.tolist()} for case, values in found.items()]
+    return {"fields": list(names), "figures": _FIGURES, "runs": runs}
+
+
 def text(values: Values, percent: bool = False) -> str:
     """Mean and interval."""
     found = interval(values[np.isfinite(values)])
@@ -171,7 +189,11 @@ def text(values: Values, percent: bool = False) -> str:
 def by_itself(results: paper.Results) -> Table:
     """Where the paper's missions end by themselves."""
     table = Table(
-        "goal", "cells", "accuracy nm", "goal met", title="the paper's missions, ended by T_u and T_v; 4 agents"
+        "goal",
+        "cells",
+        "accuracy nm",
+        "goal met",
+        title="the paper's missions, ended by T_u and T_v; 4 agents; fields of the aims",
     )
     for goal in sorted({course.goal for course in results.arms}):
         share, accuracy = (results.figures(Arm.PAPER, goal, 4, name) for name in ("cells", "nm"))
@@ -189,28 +211,31 @@ def main() -> None:
     parser.add_argument("--paper", type=Path, help="results of bench.scouting.paper")
     parser.add_argument("--online", type=Path, help="results of bench.scouting.online")
     parser.add_argument("--no-online", action="store_true", help="leave learning between missions out")
+    parser.add_argument("--fields", nargs="+", choices=NAMES, default=list(REAL))
+    parser.add_argument("--out", type=Path, default=OUT)
     arguments = parser.parse_args()
-    seeds = range(arguments.seeds or (2 if arguments.short else 10))
-    settings = paper.QUICK if arguments.short else {}
+    names, seeds = arguments.fields, range(arguments.seeds or (2 if arguments.short else 10))
+    settings = QUICK if arguments.short else {}
     console = Console(width=None if sys.stdout.isatty() else 160)
     results = paper.read(arguments.paper) if arguments.paper else paper.measured(
         [Course(name, size, goal, seed=seed, settings=settings)
-         for goal in GOALS for size in SIZES for name in AIMED for seed in seeds], arguments.workers
+         for goal in GOALS for size in SIZES for name in names for seed in seeds], arguments.workers
     )  # fmt: skip
-    found = tally(results, AIMED, seeds, arguments.workers)
-    for how in HOWS:
-        for hovering in (True, False):
-            console.print(figures(found, hovering, how))
-    console.print(by_itself(results))
+    results = results.shaped_by(How.NM)
+    found = tally(results, names, seeds, arguments.workers)
+    show(found, names, console)
+    console.print(by_itself(results.on(averaged_over(names))))
+    write(arguments.out, " ".join(["python", *sys.orig_argv[1:]]), document(found, names))
     if arguments.no_online:
         return
+    over = averaged_over(names)
     goals, missions = (GOALS[:1], 4) if arguments.short else (online.GOALS, online.MISSIONS)
     learning = online.read(arguments.online) if arguments.online else online.measured(
         [Course(name, online.AGENTS, goal, seed=seed, settings=settings)
-         for goal in goals for name in AIMED for seed in seeds], missions, arguments.workers
+         for goal in goals for name in over for seed in seeds], missions, arguments.workers
     )  # fmt: skip
     console.print("published: accuracy + 1 to 3 points after 10 missions, error 5 to 28 % less")
-    console.print(online.table(learning))
+    online.show(learning, console)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,8 @@
     python -m bench.scouting.hover [--seeds 10] [--agents 4] [--workers 2] [--fields ...]
 
 The profile's latencies, from the picture to the decision: sending, features, choice. An aircraft that decides while it
-flies pays nothing; printed is what the others pay, as a share of all energy that is spent up to a goal (kriged map).
+flies pays nothing; printed is what the others pay, as a share of all energy that is spent up to a goal, in the mean
+over the missions of the fields of the aims, and of the others.
 The planned swarm looks about every third move; in state groups every captured state asks for a move; Classic RL asks
 in every cell.
 """
@@ -12,9 +13,12 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +26,11 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.scouting.campaign import known
-from bench.scouting.fields import AIMED, NAMES, Field
+from bench.scouting.ends import ends
+from bench.scouting.fields import NAMES, REAL, Field, averaged_over
 from bench.scouting.flight import ENERGY, Flights, flown, thorough_j
-from bench.scouting.judge import How, along, progress
+from bench.scouting.judge import How
+from bench.scouting.results import write
 from bench.scouting.rivals.groups import ClassicRL
 from bench.scouting.scaffold import at, sweep, untaught
 from fleet.functions.belief import Belief
@@ -32,10 +38,16 @@ from fleet.planning.scouting import Scout
 from fleet.planning.swarm import Swarm, scattered
 from fleet.planning.tactics import Tactics
 
+OUT = Path(__file__).resolve().parents[1] / "out" / "hover.json"
 Flags = NDArray[np.bool_]
+Job = tuple[str, int, int]
+"""Field, agents, seed."""
+Case = tuple[str, float, How]
+"""Swarm, goal, map."""
 Share = tuple[float, float]
 """Hovering as a share of all energy, and decisions for each cell that is captured."""
 GOALS = (0.7, 0.8)
+HOWS = (How.NM, How.KR)
 PLANNED, GROUPS, CLASSIC = "planned", "3x3 groups, random moves", "k-NN Classic RL"
 WAIT_S = ENERGY.edge.state_s
 """From a picture to the decision, in s."""
@@ -92,37 +104,21 @@ def classic(place: Field, agents: int, seed: int, wait_s: float = WAIT_S) -> Ask
     return Asking(flights, tuple(each.captured for each in plain))
 
 
-def until(place: Field, flights: Flights, goal: float, how: How) -> tuple[float, float, float]:
-    """What a mission spends until its map meets a goal.
-
-    Returns:
-        Share of the cells, E, and time in s with the landing; NaN when it never does.
-    """
-    energy, cells = along(place, flights, (how,)).reached(goal, how)
-    if not math.isfinite(energy):
-        return math.nan, math.nan, math.nan
-    spent, _ = progress(place, flights)
-    times_s = np.sort(np.concatenate([flight.time_s for flight in flights]))
-    reached = min(int(np.searchsorted(spent, energy)), len(times_s) - 1)
-    return cells, energy, float(times_s[reached]) + flights[0].landing_s
-
-
-def shares(job: tuple[str, int, int]) -> dict[tuple[str, float], Share]:
-    """What hovering costs over a field, (its name, agents, seed), for each swarm and goal."""
+def shares(job: Job) -> dict[Case, Share]:
+    """What hovering costs over a field, for each swarm, goal and map."""
     name, agents, seed = job
-    place, found = known(name, 0), dict[tuple[str, float], Share]()
+    place, found = known(name, 0), dict[Case, Share]()
+    all_j, decision_j = thorough_j(place, agents), WAIT_S * ENERGY.aircraft.hover.power_w
     for swarm, mission in ((PLANNED, planned(place, agents, seed)), (CLASSIC, classic(place, agents, seed))):
-        for goal in GOALS:
-            cells, energy, time_s = until(place, mission.flights, goal, How.KR)
+        for (goal, how), (cells, energy, time_s) in ends(place, mission.flights, GOALS, HOWS).items():
             decisions = math.nan if math.isnan(energy) else mission.decisions(time_s - mission.flights[0].landing_s)
-            hover_j = decisions * WAIT_S * ENERGY.aircraft.hover.power_w
-            found[swarm, goal] = hover_j / (energy * thorough_j(place, agents)), decisions / (cells * len(place.cells))
+            share = decisions * decision_j / (energy * all_j)
+            found[swarm, goal, how] = share, decisions / (cells * len(place.cells))
     wanderers = sweep(untaught(place, agents), exploration=1.0, seed=seed)
-    for goal in GOALS:
-        end = at(wanderers, "kr", goal)
-        decision_j = WAIT_S * ENERGY.aircraft.hover.power_w / thorough_j(place, agents)
+    for goal, how in product(GOALS, HOWS):
+        end = at(wanderers, how.value, goal)
         share = end.hover_energy / (end.energy + end.hover_energy)
-        found[GROUPS, goal] = share, end.hover_energy / decision_j / (end.cells * len(place.cells))
+        found[GROUPS, goal, how] = share, end.hover_energy * all_j / decision_j / (end.cells * len(place.cells))
     return found
 
 
@@ -132,19 +128,30 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--agents", type=int, default=4)
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--fields", nargs="+", choices=NAMES, default=list(AIMED))
+    parser.add_argument("--fields", nargs="+", choices=NAMES, default=list(REAL))
+    parser.add_argument("--out", type=Path, default=OUT)
     arguments = parser.parse_args()
     jobs = [(name, arguments.agents, seed) for name in arguments.fields for seed in range(arguments.seeds)]
     with ProcessPoolExecutor(arguments.workers) as pool:
-        Console(width=120).print(table(list(pool.map(shares, jobs))))
+        found = dict(zip(jobs, pool.map(shares, jobs), strict=True))
+    over = averaged_over(arguments.fields)
+    others = [name for name in arguments.fields if name not in over]
+    for names in filter(None, (over, others)):
+        Console(width=120).print(table([each for job, each in found.items() if job[0] in names], ", ".join(names)))
+    runs = [
+        {"field": job[0], "seed": job[2], "swarm": swarm, "goal": goal, "how": how.value,
+         "share": share, "decisions": decisions}
+        for job, each in found.items() for (swarm, goal, how), (share, decisions) in each.items()
+    ]  # fmt: skip
+    write(arguments.out, " ".join(["python", *sys.orig_argv[1:]]), {"agents": arguments.agents, "runs": runs})
 
 
-def table(found: Sequence[Mapping[tuple[str, float], Share]]) -> Table:
-    """One row for each swarm and goal, mean over the missions that reach it."""
-    result = Table("swarm", "goal", "hovering, share of the energy", "decisions a captured cell")
-    for key in found[0]:
-        share, decisions = np.nanmean([each[key] for each in found], axis=0)
-        result.add_row(key[0], f"{key[1]:.0%}", f"{share:.1%}", f"{decisions:.2f}")
+def table(found: Sequence[Mapping[Case, Share]], title: str) -> Table:
+    """One row for each swarm, goal and map, mean over the missions that reach it."""
+    result = Table("swarm", "goal", "map by", "hovering, share of the energy", "decisions a captured cell", title=title)
+    for swarm, goal, how in found[0]:
+        share, decisions = np.nanmean([each[swarm, goal, how] for each in found], axis=0)
+        result.add_row(swarm, f"{goal:.0%}", how.value, f"{share:.1%}", f"{decisions:.2f}")
     return result
 
 

@@ -114,7 +114,7 @@ def along(field: Field, flights: Flights, hows: Sequence[How] = ALL) -> Curve:
             figures.append(figures[-1])
     table = np.array(figures)
     accuracy = {how: table[:, index + 1] for index, how in enumerate(hows)}
-    slowest, balance = _times(flights)
+    slowest, balance = times_of(flights)
     return Curve(table[:, 0], accuracy, float(energy[-1]), slowest, balance)
 
 
@@ -130,7 +130,7 @@ def over_budgets(field: Field, missions: Sequence[Flights], hows: Sequence[How] 
     order = np.argsort(ends, kind="stable")
     at, table = np.array(ends)[order], np.array(figures)[order]
     columns = [np.interp(CHECKPOINTS, at, column, left=np.nan) for column in table.T]
-    times = [_times(flights) for flights in missions]
+    times = [times_of(flights) for flights in missions]
     accuracy = {how: columns[index + 1] for index, how in enumerate(hows)}
     return Curve(columns[0], accuracy, float(at[-1]), times[-1][0], float(np.mean([each[1] for each in times])))
 
@@ -178,7 +178,7 @@ def _figures(field: Field, captured: NDArray[np.bool_], hows: Sequence[How]) -> 
     return [float(np.count_nonzero(captured)) / len(field.cells), *(found[how] for how in hows)]
 
 
-def _times(flights: Flights) -> tuple[float, float]:
+def times_of(flights: Flights) -> tuple[float, float]:
     """Time of the slowest flight, and that over the mean."""
     times = [flight.total_s for flight in flights]
     return max(times), max(times) / float(np.mean(times)) if max(times) else 1.0

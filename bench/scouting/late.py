@@ -10,8 +10,10 @@ accuracy of the planned swarm that decides so, minus that of one that knows all 
 from __future__ import annotations
 
 import argparse
+import sys
 from collections import deque
 from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +21,12 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.scouting.campaign import known
-from bench.scouting.fields import AIMED, NAMES, Field
+from bench.scouting.fields import NAMES, REAL, Field, averaged_over
 from bench.scouting.flight import ENERGY, Flights, flown
 from bench.scouting.informed import ENERGIES, HOWS
 from bench.scouting.judge import CHECKPOINTS, along
 from bench.scouting.ours import Ours
+from bench.scouting.results import write
 from bench.scouting.tables import points
 from fleet.contexts.grid import Grid
 from fleet.functions.belief import Belief
@@ -32,6 +35,7 @@ from fleet.planning.scouting import Scout
 from fleet.planning.swarm import Swarm, scattered
 from fleet.planning.tactics import Tactics
 
+OUT = Path(__file__).resolve().parents[1] / "out" / "late.json"
 Flags = NDArray[np.bool_]
 Values = NDArray[np.float64]
 
@@ -108,12 +112,14 @@ def table(names: list[str], found: Values) -> Table:
     Args:
         found: float64 [fields, seeds, 2, hows, energies].
     """
-    result = Table("map by", "all", *names)
+    over = averaged_over(names)
+    rows = [names.index(name) for name in over]
+    result = Table("map by", f"mean of {len(over)}", *names)
     late, at_once = np.moveaxis(found.mean(axis=-1), 2, 0)
     for index, how in enumerate(HOWS):
         ours, theirs = late[..., index], at_once[..., index]
         each = [points(one, other) for one, other in zip(ours, theirs, strict=True)]
-        result.add_row(how.value, points(ours.mean(axis=0), theirs.mean(axis=0)), *each)
+        result.add_row(how.value, points(ours[rows].mean(axis=0), theirs[rows].mean(axis=0)), *each)
     return result
 
 
@@ -124,14 +130,21 @@ def main() -> None:
     parser.add_argument("--agents", type=int, default=4)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--moves", type=int, default=Tactics().moves)
-    parser.add_argument("--fields", nargs="+", choices=NAMES, default=list(AIMED))
+    parser.add_argument("--fields", nargs="+", choices=NAMES, default=list(REAL))
+    parser.add_argument("--out", type=Path, default=OUT)
     arguments = parser.parse_args()
     seeds = range(arguments.seeds)
     jobs = [(name, arguments.agents, seed, arguments.moves) for name in arguments.fields for seed in seeds]
     with ProcessPoolExecutor(arguments.workers) as pool:
         found = np.array(list(pool.map(accuracies, jobs)))
     shape = (len(arguments.fields), len(seeds), *found.shape[1:])
-    Console(width=140).print(table(arguments.fields, found.reshape(shape)))
+    Console(width=160).print(table(arguments.fields, found.reshape(shape)))
+    runs = [
+        {"field": name, "seed": seed, "late": late.round(5).tolist(), "at_once": at_once.round(5).tolist()}
+        for (name, _, seed, _), (late, at_once) in zip(jobs, found, strict=True)
+    ]
+    content = {"agents": arguments.agents, "hows": [how.value for how in HOWS], "energy": ENERGIES, "runs": runs}
+    write(arguments.out, " ".join(["python", *sys.orig_argv[1:]]), content)
 
 
 if __name__ == "__main__":

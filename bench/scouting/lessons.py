@@ -39,6 +39,11 @@ from fleet.storage.local import LocalStorage
 Values = NDArray[np.float64]
 QUANTITY = ("quantity",)
 CORN_FEATURES = ("exg", "lai", "brightness")
+QUICK: Mapping[str, object] = {
+    "rewardShaping": {"epochs": 16, "missions": 64},
+    "training": {"epochs": 2, "missions": 128},
+}
+"""A FleetSpec's settings for the short form of benchmarks."""
 _OTHER_MADE_UP = (1_000_003, 1_000_005)
 """Seeds of the made-up fields that are known before another one is flown."""
 
@@ -140,7 +145,8 @@ def fleet_of(course: Course) -> Fleet:
 def contexts(name: str) -> tuple[list[Field], list[Field]]:
     """The fields for shaping and those for training; never the flown one.
 
-    Other dates of the corn field for one of its dates, all other real fields for another real one.
+    Other dates of the corn field for one of its dates, all other real fields for another real one: another season of
+    the same field too, as in the paper. Both parts get some of each kind, by turns.
     """
     if name in MADE_UP:
         first, second = (known(NOISE if name == NOISE else PLANTED, seed) for seed in _OTHER_MADE_UP)
@@ -148,8 +154,7 @@ def contexts(name: str) -> tuple[list[Field], list[Field]]:
     kin = CORN if name in CORN else REAL
     at = kin.index(name)
     rest = [known(other, 0) for other in (*kin[at + 1 :], *kin[:at])]
-    half = len(rest) // 2
-    return rest[:half], rest[half:]
+    return rest[::2], rest[1::2]
 
 
 def terrain(fleet: Fleet, place: Field, features: tuple[str, ...]) -> Terrain:

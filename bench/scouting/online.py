@@ -29,9 +29,9 @@ from rich.table import Table
 
 from bench.missions import Field, World, objective
 from bench.scouting.campaign import known
-from bench.scouting.fields import AIMED, NAMES
-from bench.scouting.lessons import Course, Learned, learn, quantities
-from bench.scouting.paper import QUICK
+from bench.scouting.fields import NAMES, REAL, averaged_over
+from bench.scouting.lessons import QUICK, Course, Learned, learn, quantities
+from bench.scouting.results import write as write_results
 from bench.statistics import interval
 from bench.weights import Arm, campaign, drifting
 from fleet.learning.model import SAModel
@@ -80,11 +80,20 @@ def in_units(course: Course, learned: Learned) -> tuple[World, SAModel]:
     return World(Field(terrain.environment, terrain.layout, ssv), reward, objective(course.goal)), model
 
 
+def show(found: Mapping[Course, Accuracies], console: Console) -> None:
+    """Print a table of the fields of the aims together, and of each other field."""
+    names = list(dict.fromkeys(course.field for course in found))
+    over = averaged_over(names)
+    for some in (over, *([name] for name in names if name not in over)):
+        console.print(table({course: each for course, each in found.items() if course.field in some}))
+
+
 def table(found: Mapping[Course, Accuracies]) -> Table:
     """One row for each goal and arm, means over the fields."""
     result = Table(
         "goal", "learner", "accuracy, first", "last", "rose by, points", "minus without, points",
         "error fell by, minus without, %", "|goal - last|, points",
+        title=", ".join(dict.fromkeys(course.field for course in found)),
     )  # fmt: skip
     for goal in sorted({course.goal for course in found}):
         plain = curves(found, goal, WITHOUT.name)
@@ -133,8 +142,7 @@ def measured(courses: Sequence[Course], missions: int, workers: int) -> dict[Cou
 def write(path: Path, found: Mapping[Course, Accuracies], command: str) -> None:
     """Write every mission's accuracy."""
     runs = [{"field": c.field, "goal": c.goal, "seed": c.seed, "accuracy": dict(each)} for c, each in found.items()]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps({"command": command, "runs": runs}) + "\n", encoding="utf-8")
+    write_results(path, command, {"runs": runs})
 
 
 def read(path: Path) -> dict[Course, Accuracies]:
@@ -148,7 +156,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--short", action="store_true", help="2 seeds, 3 goals, 5 missions, quick learning")
     parser.add_argument("--seeds", type=int)
-    parser.add_argument("--fields", nargs="+", choices=NAMES, default=list(AIMED))
+    parser.add_argument("--fields", nargs="+", choices=NAMES, default=list(REAL))
     parser.add_argument("--goals", nargs="+", type=float)
     parser.add_argument("--missions", type=int)
     parser.add_argument("--workers", type=int, default=2)
@@ -164,7 +172,7 @@ def main() -> None:
     ]
     found = measured(courses, arguments.missions or (5 if short else MISSIONS), arguments.workers)
     write(arguments.out, found, " ".join(["python", *sys.orig_argv[1:]]))
-    Console(width=None if sys.stdout.isatty() else 160).print(table(found))
+    show(found, Console(width=None if sys.stdout.isatty() else 160))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Does the swarm know when its map is good enough?
 
-    python -m bench.scouting.stops [--seeds 10] [--agents 4] [--workers 2]
+    python -m bench.scouting.stops [--seeds 10] [--agents 4] [--workers 2] [--fields ...]
 
 For each field the stop rule is learned from simulated missions over the other fields (never the one that is flown), so
 that it ends CONFIDENCE of them with the goal met. Then missions over the field end by that rule. Printed: the share
@@ -12,20 +12,24 @@ points. A mission that never meets the goal has no clairvoyant, and its energy d
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from bench.scouting.fields import AIMED, field
+from bench.scouting.fields import NAMES, REAL, averaged_over, field
 from bench.scouting.flight import ENERGY
+from bench.scouting.results import write
 from fleet.planning.rehearsal import rehearse
 from fleet.planning.stop import Claims, StopRule, learned
 from fleet.planning.tactics import Tactics
 
+OUT = Path(__file__).resolve().parents[1] / "out" / "stops.json"
 GOALS = (0.7, 0.8)
 CONFIDENCE = 0.93
 Missions = Mapping[tuple[str, int], Claims]
@@ -59,12 +63,17 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--agents", type=int, default=4)
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--fields", nargs="+", choices=NAMES, default=list(REAL))
+    parser.add_argument("--out", type=Path, default=OUT)
     arguments = parser.parse_args()
-    wanted = [(name, arguments.agents, seed) for name in AIMED for seed in range(arguments.seeds)]
+    wanted = [(name, arguments.agents, seed) for name in arguments.fields for seed in range(arguments.seeds)]
     with ProcessPoolExecutor(arguments.workers) as pool:
         found = pool.map(flown, wanted)
         missions = {(name, seed): claims for (name, _, seed), claims in zip(wanted, found, strict=True)}
-    show(list(rows(missions)))
+    ended_by_rules = list(rows(missions))
+    show(ended_by_rules)
+    content = {"agents": arguments.agents, "seeds": arguments.seeds, "rows": [asdict(row) for row in ended_by_rules]}
+    write(arguments.out, " ".join(["python", *sys.orig_argv[1:]]), content)
 
 
 def flown(job: tuple[str, int, int]) -> Claims:
@@ -96,7 +105,8 @@ def ended(claims: Claims, rule: StopRule) -> tuple[float, float, float, float]:
 
 
 def show(found: Sequence[Row]) -> None:
-    """Print a table, with the mean over the fields."""
+    """Print a table, with the mean over the fields of the aims."""
+    over = averaged_over([row.field for row in found])
     table = Table(
         "goal", "field", "caution", "goal met", "energy over clairvoyant", "claimed - true, points", "either way"
     )
@@ -111,9 +121,10 @@ def show(found: Sequence[Row]) -> None:
                 f"{100 * row.off:.1f}",
             )
             table.add_row(f"{goal:.0%}", row.field, *figures)
-        met, energy, claimed, off = np.mean([(row.met, row.energy, row.claimed, row.off) for row in of_goal], axis=0)
-        figures = (f"{met:.1%}", f"{energy:.2f}", f"{100 * claimed:+.1f}", f"{100 * off:.1f}")
-        table.add_row(f"{goal:.0%}", "mean", "", *figures)
+        means = [(row.met, row.energy, row.claimed, row.off) for row in of_goal if row.field in over]
+        met, energy, claimed, off = np.mean(means, axis=0)
+        means_told = (f"{met:.1%}", f"{energy:.2f}", f"{100 * claimed:+.1f}", f"{100 * off:.1f}")
+        table.add_row(f"{goal:.0%}", f"mean of {len(means)}", "", *means_told)
     Console(width=120).print(table)
 
 

@@ -115,13 +115,16 @@ class QLearning:
         masked = np.where(transitions.next_legal, 0.0, -np.inf)
         masked[~goes_on] = 0.0
         moves = np.eye(len(MOVES))[transitions.moves]
+        carried = self.discount * goes_on
         weights = self.weights.copy()
-        for rows in _batches(len(transitions), fit):
-            best = np.clip((after[rows] @ weights + masked[rows]).max(axis=1), low, high)
-            target = transitions.rewards[rows] + self.discount * goes_on[rows] * best
-            chosen = moves[rows]
-            error = chosen * (target[:, None] - before[rows] @ weights)
-            weights += alpha * (before[rows].T @ error) / np.maximum(chosen.sum(axis=0), 1.0)
+        for order in _orders(len(transitions), fit):
+            taken = [each[order] for each in (before, after, masked, moves, transitions.rewards, carried)]
+            chosen_often = np.maximum(np.add.reduceat(taken[3], np.arange(0, len(order), BATCH), axis=0), 1.0)
+            for batch, often in enumerate(chosen_often):
+                now, then, barred, chosen, reward, share = (each[batch * BATCH : (batch + 1) * BATCH] for each in taken)
+                best = np.minimum(np.maximum(np.maximum.reduce(then @ weights + barred, axis=1), low), high)
+                error = chosen * ((reward + share * best)[:, None] - now @ weights)
+                weights += alpha * (now.T @ error) / often
         return replace(self, weights=weights)
 
     def _value_range(self, rewards: NDArray[np.float64]) -> tuple[float, float]:
@@ -162,10 +165,8 @@ def _summed(terms: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
     return np.asarray(np.add.accumulate(terms, axis=axis).take(-1, axis=axis))
 
 
-def _batches(count: int, fit: Fit) -> Iterator[NDArray[np.int64]]:
-    """Rows of each batch, in an order that the seed fixes, once in each epoch."""
+def _orders(count: int, fit: Fit) -> Iterator[NDArray[np.int64]]:
+    """The rows in the order of each epoch, which the seed fixes; BATCH after BATCH is learned from."""
     generator = np.random.default_rng(fit.seed)
     for _ in range(fit.epochs):
-        order = generator.permutation(count)
-        for start in range(0, count, BATCH):
-            yield order[start : start + BATCH]
+        yield generator.permutation(count)

@@ -166,5 +166,5 @@ def test_a_study_flies_every_field_with_every_seed_and_prints_and_writes_its_res
     assert base.shape == (1, 1, len(HOWS), len(ENERGIES))
     found = {"default": base, "better": base + 0.01}
     assert table(study, found, 0).row_count == 1
-    written = json.loads(document(study, found, "it"))
+    written = json.loads(json.dumps(document(study, found)))
     assert [run["points"] for run in written["runs"]] == pytest.approx([0.0, 0.0, 1.0, 1.0])

@@ -11,17 +11,16 @@ import pytest
 
 from bench.scouting import headlines, online
 from bench.scouting.campaign import known
-from bench.scouting.everything import commands
+from bench.scouting.ends import ends
 from bench.scouting.fields import PLANTED
 from bench.scouting.flight import ENERGY, thorough_j
 from bench.scouting.headlines import CLASSIC, LAWNMOWER, OURS, PAPER, PLANNED, Case, cells, ratio, spent_in_scaffold
-from bench.scouting.hover import GOALS, WAIT_S, Asking, classic, planned, shares, table, until
+from bench.scouting.hover import GOALS, HOWS, WAIT_S, Asking, classic, planned, shares, table
 from bench.scouting.judge import How, along
 from bench.scouting.lessons import Course, learn
 from bench.scouting.ours import Ours
 from bench.scouting.paper import Results
 from bench.scouting.scaffold import Outcome
-from tests.conftest import ROOT
 
 LITTLE = {"rewardShaping": {"epochs": 2, "missions": 8}, "training": {"epochs": 1, "missions": 8}}
 AGENTS = 2
@@ -58,24 +57,25 @@ def test_classic_rl_decides_in_every_cell_that_it_captures() -> None:
 def test_what_is_spent_until_a_goal_is_what_the_curve_says() -> None:
     place, flights = known(PLANTED, 0), _planned(0.0).flights
     curve = along(place, flights, (How.KR,))
-    share, energy, time_s = until(place, flights, 0.8, How.KR)
+    found = ends(place, flights, (0.8, 1.1), (How.NM, How.KR))
+    share, energy, time_s = found[0.8, How.KR]
     assert (energy, share) == curve.reached(0.8, How.KR)
     spent_j = sum(float(flight.energy_j[flight.time_s <= time_s].max()) + flight.landing_j for flight in flights)
     assert spent_j / thorough_j(place, AGENTS) == pytest.approx(energy, abs=0.02)
-    assert all(math.isnan(each) for each in until(place, flights, 1.1, How.KR))
+    assert all(math.isnan(each) for how in (How.NM, How.KR) for each in found[1.1, how])
 
 
 def test_shares_of_hovering_are_printed_for_every_swarm_and_goal() -> None:
     found = shares((PLANTED, AGENTS, 0))
-    assert len(found) == 3 * len(GOALS)
+    assert len(found) == 3 * len(GOALS) * len(HOWS)
     for share, decisions in found.values():
         assert 0.0 <= share <= decisions * WAIT_S * HOVER_W / ENERGY.capture().energy_j
-    assert 0.3 < found["planned", 0.8][1] < 0.4
+    assert 0.3 < found["planned", 0.8, How.KR][1] < 0.4
     hover_j = WAIT_S * HOVER_W
-    share, decisions = found["k-NN Classic RL", 0.8]
+    share, decisions = found["k-NN Classic RL", 0.8, How.NM]
     assert decisions == pytest.approx(1.0, abs=0.02)
     assert share <= hover_j / (hover_j + ENERGY.capture().energy_j)
-    assert table([found, found]).row_count == len(found)
+    assert table([found, found], "planted").row_count == len(found)
 
 
 def test_ratios_are_means_over_the_fields_on_which_both_reach_the_goal() -> None:
@@ -92,8 +92,8 @@ def test_ratios_are_means_over_the_fields_on_which_both_reach_the_goal() -> None
 
 def test_the_papers_swarm_is_charged_for_hovering_when_it_hovers() -> None:
     place = known(PLANTED, 0)
-    ends = [Outcome(each, each, each, each, 100.0, 1.0, each / 2, 50.0) for each in (0.6, 0.8)]
-    results = Results(sweeps={Course(PLANTED, 4, 0.7): ends, Course(PLANTED, 4, 0.7, seed=1): []})
+    swept = [Outcome(each, each, each, each, 100.0, 1.0, each / 2, 50.0) for each in (0.6, 0.8)]
+    results = Results(sweeps={Course(PLANTED, 4, 0.7): swept, Course(PLANTED, 4, 0.7, seed=1): []})
     found = spent_in_scaffold(results, place, 0)
     all_j = thorough_j(place, 4)
     assert found[Case(PAPER, 4, 0.7, False, How.NM)] == pytest.approx((0.7, 0.7 * all_j, 100.0))
@@ -144,12 +144,3 @@ def test_rises_are_held_against_missions_without_learning(tmp_path: Path) -> Non
     assert columns[6][2].startswith("+50.0")  # the error fell by a quarter, and rose by a quarter without
     online.write(tmp_path / "online.json", found, "it")
     assert online.read(tmp_path / "online.json") == found
-
-
-@pytest.mark.parametrize("short", [True, False])
-def test_everything_names_commands_that_know_their_options(short: bool) -> None:
-    for _, module, *options in commands(short, workers=1):
-        file = ROOT / (module.replace(".", "/") + ".py")
-        program = (file if file.is_file() else file.with_suffix("") / "__main__.py").read_text()
-        asked = [option for option in options if option.startswith("--")]
-        assert [option for option in asked if f'"{option}"' not in program] == []

@@ -17,6 +17,7 @@ from bench.scouting.flight import flown as flight_of
 from bench.scouting.judge import How, accuracies
 from bench.scouting.lessons import QUANTITY, Course, Judge, Learned, contexts, fleet_of, learn, quantities, terrain
 from bench.scouting.paper import Results
+from bench.scouting.paper_tables import of_arms, of_fields, of_sizes
 from bench.scouting.scaffold import Arm, Outcome, Way, arms, at, flown, judged, sweep, untaught, with_equal_weights
 from fleet.functions.contract import FeatureSpace, Metrics
 from fleet.learning.score_tables import ALONE, NEVER, Flights, batch_of, score_table
@@ -179,9 +180,9 @@ def test_results_are_read_as_they_were_written(tmp_path: Path) -> None:
 
 def test_tables_have_a_row_for_each_arm_field_and_size() -> None:
     results = _results()
-    assert paper.of_arms(results, 0.7, 4).row_count == 2
-    assert paper.of_fields(results, 0.7, 4).row_count == 2
-    assert paper.of_sizes(results, 0.7).row_count == 1
+    assert of_arms(results, 0.7, 4).row_count == 2
+    assert of_fields(results, 0.7, 4).row_count == 2
+    assert of_sizes(results, 0.7).row_count == 1
 
 
 def _results() -> Results:

@@ -226,6 +226,14 @@ def test_the_program_writes_every_curve_and_a_picture_for_each_way_to_judge(
     drawn = [path.name for path in out.parent.glob("*.png")]
     assert sorted(drawn) == [f"scouting-{how}.png" for how in sorted(program.TOLD)]
     assert "2 of 2" in capsys.readouterr().err
+    monkeypatch.setattr("sys.argv", ["scouting", "--read", str(out), "--hows", "kr"])
+    program.main()
+    text = capsys.readouterr().out
+    assert text.count("noise, kr") == 1
+    assert "lawnmower" in text
+    monkeypatch.setattr("sys.argv", ["scouting", "--read", str(out), "--hows", "kr", "--fields", "planted"])
+    program.main()
+    assert "lawnmower" not in capsys.readouterr().out
 
 
 def test_several_processes_find_what_one_finds() -> None:
