@@ -10,7 +10,7 @@ import numpy as np
 from fleet.functions.classes import class_mean, likely_values
 from fleet.functions.contract import Evaluation, FeatureSpace, Metrics
 from fleet.functions.evaluation import evaluation_metrics
-from fleet.functions.kriging import krige
+from fleet.functions.extrapolation import extrapolate
 from fleet.learning.practice import Grounds
 from fleet.missions.layout import layout_of
 from fleet.simulator.terrain import Terrain
@@ -28,7 +28,7 @@ class KrigedMap:
 
     def evaluate(self, fs: FeatureSpace, metrics: Metrics, agent: str = "") -> Evaluation:
         place = fs.environment
-        prediction = krige(fs.grid_of("exg"), place.grid)
+        prediction = extrapolate(fs.grid_of("exg"), place.grid, expected=place.expected)
         predicted = likely_values(prediction, class_mean(prediction.values, place))
         return Evaluation(finished=metrics.explored, metrics=evaluation_metrics(predicted, fs, metrics))
 

@@ -87,7 +87,7 @@ def plan(grid: Any) -> None:
     from fleet.planning.tactics import InterestWeights, Search, Tactics  # noqa: PLC0415 - same
 
     energy = EnergyModel(load_aircraft("spark-survey"), load_edge("laptop-i5"))
-    Swarm(grid, energy, [Scout(0)], Tactics(search=Search(horizon=2, width=2))).fly(lambda cell: cell % 5.0)
+    Swarm(Belief(grid), energy, [Scout(0)], Tactics(search=Search(horizon=2, width=2))).fly(lambda cell: cell % 5.0)
     large = Belief(Grid(np.ones((80, 80), dtype=np.bool_)))
     large.observe(np.arange(12), np.arange(12.0))
     Outlook(large, 2).richest(0, InterestWeights())
