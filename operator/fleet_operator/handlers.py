@@ -7,6 +7,7 @@ handlers pass events on. No finalizer, annotation, status or Event is ever writt
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import threading
 from collections.abc import Iterator, Sequence
@@ -21,6 +22,8 @@ from fleet_operator.resources.refs import FLEET_SPEC, MISSION, Kind
 log = logging.getLogger(__name__)
 
 PAUSES_S = (0.2, 0.5, 1.0, 2.0, 5.0)
+FAREWELL_S = 0.25
+"""Connections with TLS are closed after their session (aiohttp, Graceful shutdown)."""
 STOP_S = 2.0
 """How long the end waits for kopf, which takes longer only when it has not begun to watch yet."""
 Event: TypeAlias = Any  # kopf's RawEvent is not public
@@ -99,7 +102,8 @@ class KopfWatches:
             asyncio.run(self._operator())
         except Exception as raised:  # noqa: BLE001 - told to the loop that waits, which raises it
             error = raised
-        self._loop.call_soon_threadsafe(lambda: None if ended.done() else ended.set_result(error))
+        with contextlib.suppress(RuntimeError):  # whoever waited has gone with its loop
+            self._loop.call_soon_threadsafe(lambda: None if ended.done() else ended.set_result(error))
 
     async def _operator(self) -> None:
         await kopf.operator(
@@ -110,7 +114,7 @@ class KopfWatches:
             namespaces=self._namespaces,
             stop_flag=self._stop,
         )
-        await asyncio.sleep(0.05)  # connections with TLS are closed after their session
+        await asyncio.sleep(FAREWELL_S)
 
 
 def quiet() -> None:

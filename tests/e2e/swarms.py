@@ -104,6 +104,11 @@ class Swarm:
         events = self.get("events", "--field-selector", f"involvedObject.kind=FleetSpec,involvedObject.name={FLEET}")
         return [each["reason"] for each in sorted(events["items"], key=lambda each: each["firstTimestamp"])]
 
+    def last_told(self, reason: str) -> str:
+        """When an event about the FleetSpec was last counted, ISO 8601; one that repeats keeps its first time too."""
+        fields = f"involvedObject.kind=FleetSpec,involvedObject.name={FLEET},reason={reason}"
+        return max(each["lastTimestamp"] for each in self.get("events", "--field-selector", fields)["items"])
+
     def objects(self) -> list[str]:
         """Everything that is in the namespace because of the FleetSpec."""
         found = self.kubectl("get", KINDS, "--output=name").split()

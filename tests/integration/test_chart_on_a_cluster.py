@@ -110,6 +110,10 @@ def test_a_release_is_installed_upgraded_rolled_back_and_uninstalled_and_its_res
 def test_resources_go_with_the_release_when_that_is_wanted(plane: ControlPlane, helm: Helm) -> None:
     helm("install", RELEASE, CHART, *FIELDS, "--set", "crds.keep=false")
     assert crds(plane) == KEPT
+    # The API server forgets the end of a kind for five minutes, when nobody has asked for its objects yet.
+    plane.kubectl("wait", "--for=condition=Established", "crd", "--all")
+    for kind in KEPT:
+        plane.kubectl("get", "--raw", f"/apis/fleetcomputer.io/v1alpha1/{kind.partition('.')[0]}")
     helm("uninstall", RELEASE, *FIELDS)
     wait_for("the end of the definitions", lambda: crds(plane) == set())
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import math
 import random
+import socket
 import ssl
+import weakref
 from collections.abc import AsyncIterator, Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -28,8 +31,9 @@ LIST_OF_HEADS = f"{JSON};as=PartialObjectMetadataList;g=meta.k8s.io;v=v1"
 
 FIRST_PAUSE_S = 0.2
 LONGEST_PAUSE_S = 8.0
-CLOSING_ROUNDS = 5
-"""Rounds of the event loop in which connections with TLS are closed after the session (aiohttp, Graceful shutdown)."""
+CLOSING_S = 2.0
+"""Longest wait for connections to end after the session; those that were being made end a moment later."""
+_CLOSING_LOOK_S = 0.002
 _FAULTS = (aiohttp.ClientError, TimeoutError, ssl.SSLError, OSError)
 _METHODS = {"get": "GET", "list": "GET", "create": "POST", "update": "PUT", "patch": "PATCH", "delete": "DELETE"}
 
@@ -113,12 +117,15 @@ class Transport:
         self._count = count
         self._chance = chance or random.Random()
         self._session: aiohttp.ClientSession | None = None
+        self._sockets: weakref.WeakSet[socket.socket] = weakref.WeakSet()
         self.left_s = left_s
 
     async def __aenter__(self) -> Transport:
         # The API server would spend more on packing lists than the wire of a cluster takes to carry them.
         headers = {"Accept-Encoding": "identity", "User-Agent": "fleet-operator"}
-        connector = aiohttp.TCPConnector(limit=0, ssl=self._credentials.tls, keepalive_timeout=60)
+        connector = aiohttp.TCPConnector(
+            limit=0, ssl=self._credentials.tls, keepalive_timeout=60, socket_factory=self._socket
+        )
         self._session = aiohttp.ClientSession(connector=connector, headers=headers, proxy=self._credentials.proxy)
         return self
 
@@ -126,8 +133,7 @@ class Transport:
         if self._session is not None:
             await self._session.close()
             self._session = None
-            for _round in range(CLOSING_ROUNDS):
-                await asyncio.sleep(0)
+            await self._end_connections()
 
     async def send(self, call: Call) -> dict[str, Any]:
         """The object that the API server answers with.
@@ -229,6 +235,26 @@ class Transport:
         Source: M. Brooker, "Exponential Backoff And Jitter", AWS Architecture Blog, 2015.
         """
         return self._chance.uniform(0.0, min(LONGEST_PAUSE_S, FIRST_PAUSE_S * 2.0**attempt))
+
+    async def _end_connections(self) -> None:
+        """Wait until nothing of the session outlives it: aiohttp does not for those that were being made or closed."""
+        for each in list(self._sockets):
+            with contextlib.suppress(OSError):  # it is closed, or was never open
+                each.shutdown(socket.SHUT_RDWR)
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(CLOSING_S):
+                while any(each.fileno() >= 0 for each in self._sockets):
+                    await asyncio.sleep(_CLOSING_LOOK_S)
+
+    def _socket(self, address: tuple[Any, ...]) -> socket.socket:
+        """A socket that is known here until it is closed.
+
+        Args:
+            address: Family, type and protocol, and what is not needed yet.
+        """
+        made = socket.socket(*address[:3])
+        self._sockets.add(made)
+        return made
 
     def _identity(self) -> dict[str, str]:
         token = self._credentials.token
