@@ -40,7 +40,8 @@ def environments(draw: st.DrawFn) -> Environment:
         draw(st.booleans()),
     )  # fmt: skip
     truth = draw(st.none() | hnp.arrays(np.float64, shape, elements=NUMBERS))
-    return Environment(draw(NAMES), draw(NAMES), grid, draw(NAMES), truth)
+    expected = draw(st.none() | hnp.arrays(np.float64, shape, elements=FINITE))
+    return Environment(draw(NAMES), draw(NAMES), grid, draw(NAMES), truth, expected)
 
 
 def over_the_wire(message: object) -> dict[str, object]:
@@ -122,10 +123,16 @@ def same_environment(found: Environment, wanted: Environment) -> None:
     first, second = asdict(found), asdict(wanted)
     for part in (first, second):
         part["valid"] = part["grid"].pop("valid")
-    truths = [part.pop("truth") for part in (first, second)]
+    maps = [(part.pop("truth"), part.pop("expected")) for part in (first, second)]
     np.testing.assert_array_equal(first.pop("valid"), second.pop("valid"))
     assert first == second
-    if wanted.truth is None:
-        assert truths[0] is None
-    else:
-        np.testing.assert_array_equal(*truths)
+    for one, other in zip(*maps, strict=True):
+        assert (one is None) == (other is None)
+        if one is not None:
+            np.testing.assert_array_equal(one, other)
+
+
+def test_an_expectation_with_a_hole_is_refused() -> None:
+    place = Environment("field", "d", Grid(np.ones((1, 2), dtype=np.bool_)), expected=np.array([[1.0, np.nan]]))
+    with pytest.raises(wire.WireError, match="a cell with data has no number"):
+        wire.decode_environment(over_the_wire(wire.encode_environment(place)))

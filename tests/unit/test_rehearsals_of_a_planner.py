@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,7 @@ import pytest
 
 from fleet.errors import ModelError, TrainingError
 from fleet.functions.belief import Belief
-from fleet.functions.contract import FeatureSpace
+from fleet.functions.contract import Evaluation, FeatureSpace, Metrics
 from fleet.learning.goals import Objective
 from fleet.learning.practice import Grounds
 from fleet.learning.progress import Progress
@@ -254,3 +254,19 @@ def test_a_reward_for_state_groups_is_none_of_a_planner() -> None:
     groups = given_planner(planner_fleet(), FEATURES, NORMALISER).model_copy(update={"planner": None})
     with pytest.raises(TrainingError, match=r"shaped for state groups, and sa\.kind is Planner; train again"):
         _ = groups.of_planner
+
+
+class Forgetful(KrigedMap):
+    """An Eval() that makes its map of captured cells alone."""
+
+    def evaluate(self, fs: FeatureSpace, metrics: Metrics, agent: str = "") -> Evaluation:
+        return super().evaluate(replace(fs, environment=replace(fs.environment, expected=None)), metrics, agent)
+
+
+@pytest.mark.parametrize(("evaluator", "expects"), [(KrigedMap(), True), (Forgetful(), False)])
+def test_missions_expect_nothing_where_eval_makes_no_use_of_it(
+    tmp_path: Path, evaluator: KrigedMap, expects: bool
+) -> None:
+    fleet = planner_fleet()
+    found, _ = shaped(tmp_path, fleet, replace(planner_grounds(fleet), evaluator=evaluator))
+    assert found.of_planner.expects is expects
