@@ -2,8 +2,8 @@
 
     python -m bench.scouting.everything [--short] [--workers 2] [--only PART ...] [--fresh] [--out bench/out/scouting]
 
-Flies, one after the other: plans and rivals, sizes of the planned swarm, stops, the paper's swarm and its parts,
-learning between missions, the paper's headline figures, what contexts tell, hovering, late news; every real field of
+Flies, one after the other: plans and rivals, sizes of the planned swarm, stops, its memory, the paper's swarm and its
+parts, learning between missions, the paper's headline figures, what contexts tell, hovering, late news; every real field of
 the shared data, with ten seeds. All of it is in one folder: `results.json` has the machine, the commit, and for each
 part its command, its duration and its figures; `tables.txt` all that was printed; beside them are the pictures. A part
 that fails is told at the end, the others run on. What is there already, by the same command at the same commit, is not
@@ -58,6 +58,7 @@ PARTS = (
     Part("plans", ("--short",)),
     Part("sizes"),
     Part("stops"),
+    Part("memory"),
     Part("paper", ("--short", *_FEW, "--agents", "1", "2", "4", "8")),
     Part("online", ("--short", *_FEW, "--goals", "0.75", "0.9")),
     Part("headlines", ("--short", *_FEW), reads=("paper", "online")),
