@@ -3,8 +3,8 @@
     python -m bench.scouting.everything [--short] [--workers 2] [--only PART ...] [--fresh] [--out bench/out/scouting]
 
 Flies, one after the other: plans and rivals, sizes of the planned swarm, stops, its memory, the paper's swarm and its
-parts, learning between missions, the paper's headline figures, what contexts tell, hovering, late news; every real field
-of the shared data, with ten seeds. All of it is in one folder: `results.json` has the machine, the commit, and for each
+parts, learning between missions, the paper's headline figures, what contexts tell, hovering, late news; every real
+field of the shared data, with ten seeds. All of it is in one folder: `results.json` has the machine, the commit, and for each
 part its command, its duration and its figures; `tables.txt` all that was printed; beside them are the pictures. A part
 that fails is told at the end, the others run on. What is there already, by the same command at the same commit, is not
 flown again unless --fresh is given: a run that was broken off goes on.
