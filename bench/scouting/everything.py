@@ -4,10 +4,10 @@
 
 Flies, one after the other: plans and rivals, sizes of the planned swarm, stops, its memory, the paper's swarm and its
 parts, learning between missions, the paper's headline figures, what contexts tell, hovering, late news; every real
-field of the shared data, with ten seeds. All of it is in one folder: `results.json` has the machine, the commit, and for each
-part its command, its duration and its figures; `tables.txt` all that was printed; beside them are the pictures. A part
-that fails is told at the end, the others run on. What is there already, by the same command at the same commit, is not
-flown again unless --fresh is given: a run that was broken off goes on.
+field of the shared data, with ten seeds. All of it is in one folder: `results.json` has the machine, the commit, and
+for each part its command, its duration and its figures; `tables.txt` all that was printed; beside them are the
+pictures. A part that fails is told at the end, the others run on. What is there already, by the same command at the
+same commit, is not flown again unless --fresh is given: a run that was broken off goes on.
 
 The full form takes about an hour on two cores, half of it the paper's swarm. The short form takes two
 minutes: two seeds, quick learning and few fields; its figures say that everything runs, not more.
