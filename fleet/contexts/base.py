@@ -49,6 +49,19 @@ class Observation:
 
 
 @dataclass(frozen=True, eq=False)
+class Expectation:
+    """What is expected of each cell before anything is captured; both are finite where there is data.
+
+    Args:
+        values: Expected value, float64 [rows, columns].
+        deviation: Standard deviation, likewise; 0 where it was measured.
+    """
+
+    values: NDArray[np.float64]
+    deviation: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
 class Environment:
     """What is known of the place where a mission flies, without flying: its grid and, in replay, the truth.
 
@@ -58,8 +71,7 @@ class Environment:
         grid: States and which of them have data.
         truth_name: The quantity that missions map (`exg`, `yield`); "" when nothing is known of it.
         truth: That quantity in every cell, float64 [rows, columns], NaN without data; None outside of replay.
-        expected: What earlier missions over the place make expect of the quantity that is mapped, float64 [rows,
-            columns], finite where there is data; None when there is nothing to expect.
+        expected: What earlier missions over the place make expect of the quantity that is mapped; None for nothing.
     """
 
     name: str
@@ -67,7 +79,7 @@ class Environment:
     grid: Grid
     truth_name: str = ""
     truth: NDArray[np.float64] | None = None
-    expected: NDArray[np.float64] | None = None
+    expected: Expectation | None = None
 
 
 class Context(Protocol):

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fleet.contexts.base import Environment
+from fleet.contexts.base import Environment, Expectation
 from fleet.contexts.grid import Grid
 from fleet.functions import compiled_kriging, kriging_kernel
 from fleet.functions.classes import CLASS_THRESHOLDS
@@ -48,6 +48,7 @@ class BeliefArrays(NamedTuple):
         widest: Largest reach in each tile, float64 [rows / 16, columns / 16].
         left: Free cells of each tile, int64 [rows / 16, columns / 16].
         trend: Part of the field that follows what was expected of it, float64 [cells]; 0 where nothing was.
+        spread: Variance of the trend, float64 [cells].
         values: Values of captured cells less the trend, float64 [cells].
         mean: Expected value, float64 [cells]; NaN without data.
         deviation: Standard deviation, float64 [cells]; NaN without data.
@@ -66,6 +67,7 @@ class BeliefArrays(NamedTuple):
     widest: Values
     left: NDArray[np.int64]
     trend: Values
+    spread: Values
     values: Values
     mean: Values
     deviation: Values
@@ -89,6 +91,7 @@ def blank(grid: Grid, variogram: Variogram) -> BeliefArrays:
         widest=np.full(tiles, np.inf),
         left=_by_tile(np.add, grid.valid.astype(np.int64)),
         trend=np.zeros(grid.cells),
+        spread=np.zeros(grid.cells),
         values=np.zeros(grid.cells),
         mean=np.where(valid, 0.0, np.nan),
         deviation=np.where(valid, 0.0, np.nan),
@@ -106,13 +109,13 @@ class Belief:
     Args:
         grid: Which cells have data, and their size.
         variogram: Covariance of the field, which is then kept; by default it is fitted to what is captured.
-        expected: What was expected of each cell before anything was captured, float64 [rows, columns], finite where
-            there is data; None for nothing. See `fleet.functions.external_drift`.
+        expected: What was expected of each cell before anything was captured; None for nothing. See
+            `fleet.functions.external_drift`.
     """
 
-    def __init__(self, grid: Grid, variogram: Variogram | None = None, expected: Values | None = None) -> None:
+    def __init__(self, grid: Grid, variogram: Variogram | None = None, expected: Expectation | None = None) -> None:
         self._grid = grid
-        self._expected = None if expected is None else np.where(grid.valid, expected, 0.0).reshape(-1)
+        self._expected = expected
         self._kept = variogram is not None
         self._variogram = variogram or Variogram(1.0, 0.0, 0.0)
         self._fitted_to = 0
@@ -245,7 +248,7 @@ class Belief:
         shape = self._grid.valid.shape
         known = self.known
         if self._expected is not None:
-            self._follow(self._expected, known.reshape(-1))
+            self._follow(self._expected, known)
         self._variogram = fit(np.where(known, self.state.values.reshape(shape), np.nan), known, self._grid)
         self._fitted_to = self.captured
         self.state = self.state._replace(
@@ -255,11 +258,16 @@ class Belief:
         self.state.changed[: len(cells)] = cells
         return len(cells)
 
-    def _follow(self, expected: Values, known: Flags) -> None:
+    def _follow(self, expected: Expectation, known: Flags) -> None:
         """Take as trend what the captured cells say of what was expected."""
-        values = self.state.mean[known]
-        self.state.trend[:] = slope(values, expected[known]) * expected
-        self.state.values[known] = values - self.state.trend[known]
+        state, cells = self.state, known.reshape(-1)
+        values = state.mean[cells]
+        line = slope(values, expected.values[known])
+        trend, spread = (
+            line * np.where(self._grid.valid, part, 0.0).reshape(-1) for part in (expected.values, expected.deviation)
+        )
+        state.trend[:], state.spread[:] = trend, spread * spread
+        state.values[cells] = values - trend[cells]
 
 
 def class_bounds(mean: float) -> Values:

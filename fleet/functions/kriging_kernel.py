@@ -248,7 +248,7 @@ def settle(belief: Any, changed: Any) -> None:
             expected += belief.trend[cell]
             belief.total[0] += expected - belief.mean[cell]
             belief.mean[cell] = expected
-            belief.deviation[cell] = sqrt(share * belief.variance)
+            belief.deviation[cell] = sqrt(share * belief.variance + belief.spread[cell])
 
 
 @program

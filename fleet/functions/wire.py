@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fleet.contexts.base import Environment, Media, Observation
+from fleet.contexts.base import Environment, Expectation, Media, Observation
 from fleet.contexts.grid import Grid
 from fleet.errors import ContextError
 from fleet.functions.contract import AgentMetrics, Evaluation, FeatureSpace, Metrics
@@ -94,7 +94,8 @@ def encode_environment(environment: Environment) -> dict[str, Any]:
         "truth": None if environment.truth is None else encode_numbers(environment.truth),
     }
     if environment.expected is not None:
-        message["expected"] = encode_numbers(environment.expected)
+        message["expected"] = encode_numbers(environment.expected.values)
+        message["expectedDeviation"] = encode_numbers(environment.expected.deviation)
     return message
 
 
@@ -112,20 +113,27 @@ def decode_environment(message: Mapping[str, Any]) -> Environment:
         )
     except (ValueError, ContextError) as error:
         raise WireError(f"grid: {error}") from error
-    truth, expected = (
+    truth, expected, deviation = (
         None if message.get(name) is None else decode_numbers(name, message[name], (grid.rows, grid.columns))
-        for name in ("truth", "expected")
+        for name in ("truth", "expected", "expectedDeviation")
     )
-    if expected is not None and not np.isfinite(expected[grid.valid]).all():
-        raise WireError("expected: a cell with data has no number")
     return Environment(
         name=str(_field(message, "name", str, "")),
         digest=str(_field(message, "digest", str, "")),
         grid=grid,
         truth_name=str(_field(message, "truthName", str, "")),
         truth=truth,
-        expected=expected,
+        expected=None if expected is None else _expectation(expected, deviation, grid),
     )
+
+
+def _expectation(values: NDArray[np.float64], deviation: NDArray[np.float64] | None, grid: Grid) -> Expectation:
+    if deviation is None:
+        raise WireError("expectedDeviation: is missing beside expected")
+    for name, given in (("expected", values), ("expectedDeviation", deviation)):
+        if not np.isfinite(given[grid.valid]).all():
+            raise WireError(f"{name}: a cell with data has no number")
+    return Expectation(values, deviation)
 
 
 def encode_evaluation_request(fs: FeatureSpace, metrics: Metrics) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fleet.contexts.base import Expectation
 from fleet.errors import ModelError, TrainingError
 from fleet.functions.belief import Belief
 from fleet.functions.contract import Metrics
@@ -171,7 +172,8 @@ def _is_told(grounds: Grounds, planner: PlannerReward) -> bool:
     grid, values = terrain.environment.grid, terrain.ssv[:, terrain.features.index(planner.feature)]
     cells = np.flatnonzero(grid.valid)[::8].tolist()
     costs = thorough_metrics(terrain.layout, grounds.agents, grounds.energy)
-    told = replace(terrain.environment, expected=values.reshape(grid.valid.shape))
+    expected = Expectation(values.reshape(grid.valid.shape), np.zeros(grid.valid.shape))
+    told = replace(terrain.environment, expected=expected)
     terrains = (terrain, replace(terrain, environment=told))
     untold, of_told = (evaluated(grounds.evaluator, each, cells, costs).metrics for each in terrains)
     return untold != of_told

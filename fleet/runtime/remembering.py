@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fleet.contexts.base import Environment
+from fleet.contexts.base import Environment, Expectation
 from fleet.contexts.grid import Grid
 from fleet.functions import wire
 from fleet.learning.reward import RewardModel
@@ -47,21 +47,34 @@ def stored_environment(settings: Settings) -> Environment:
     return wire.decode_environment(wire.load(settings.storage.read(path)))
 
 
-def found(environment: Environment, captured: Values) -> Values | None:
-    """The map that a mission leaves of a quantity.
+def found(environment: Environment, captured: Values) -> Expectation | None:
+    """The map that a mission leaves of a quantity: what the next one expects.
 
     Args:
         environment: Where it flew, with what it expected.
         captured: float64 [rows, columns]; NaN where nothing was captured.
 
     Returns:
-        float64 [rows, columns], finite where there is data; None when nothing is known.
+        None when nothing is known.
     """
     from fleet.functions.extrapolation import extrapolate  # noqa: PLC0415 - loads scipy, where something is expected
 
     if not np.isfinite(captured).any():
         return environment.expected
-    return extrapolate(captured, environment.grid, expected=environment.expected).values
+    map_ = extrapolate(captured, environment.grid, expected=environment.expected)
+    return Expectation(map_.values, map_.deviation)
+
+
+def filled(expected: Expectation, known: NDArray[np.bool_]) -> Expectation:
+    """The same for a place that has data in other cells too: nothing is known of these but the others' mean and range.
+
+    Args:
+        known: Cells of which something is expected, bool [rows, columns].
+    """
+    values = expected.values[known]
+    return Expectation(
+        np.where(known, expected.values, values.mean()), np.where(known, expected.deviation, values.std())
+    )
 
 
 def captured_values(logs: Mapping[str, Sequence[Record]], reward: RewardModel, grid: Grid) -> Values:
@@ -79,7 +92,7 @@ def captured_values(logs: Mapping[str, Sequence[Record]], reward: RewardModel, g
     return captured
 
 
-def _expected(settings: Settings, grid: Grid) -> Values | None:
+def _expected(settings: Settings, grid: Grid) -> Expectation | None:
     fleet, storage, paths = settings.fleet, settings.storage, settings.paths
     if fleet.sa.kind is not SAKind.PLANNER or not fleet.online_learning.memory:
         return None
@@ -92,17 +105,14 @@ def _expected(settings: Settings, grid: Grid) -> Values | None:
     return None
 
 
-def _left_by(settings: Settings, reward: RewardModel, grid: Grid) -> Values | None:
+def _left_by(settings: Settings, reward: RewardModel, grid: Grid) -> Expectation | None:
     """What an earlier mission says of a place; None when it flew elsewhere."""
     environment = stored_environment(settings)
     if not _alike(environment.grid, grid):
         return None
     logs = read_logs(settings, [agent.name for agent in settings.fleet.agents.resolved])
     map_ = found(environment, captured_values(logs, reward, environment.grid))
-    if map_ is None:
-        return None
-    known = np.isfinite(map_) & environment.grid.valid
-    return np.where(known, map_, map_[known].mean())
+    return None if map_ is None else filled(map_, environment.grid.valid)
 
 
 def _alike(one: Grid, other: Grid) -> bool:

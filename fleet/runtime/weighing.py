@@ -125,7 +125,7 @@ class _Flown:
         map_ = found(self._environment, captured)
         return PlannedReplayer(
             layout=self._layout,
-            environment=replace(self._environment, truth=map_),
+            environment=replace(self._environment, truth=None if map_ is None else map_.values),
             agents=list(self._efforts),
             captured=int(np.count_nonzero(np.isfinite(captured))),
             flown=self._order.weights,

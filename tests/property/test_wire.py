@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from fleet.contexts.base import Environment, Media, Observation
+from fleet.contexts.base import Environment, Expectation, Media, Observation
 from fleet.contexts.grid import Grid
 from fleet.functions import wire
 from fleet.functions.contract import AgentMetrics, Evaluation, FeatureSpace, Metrics
@@ -40,7 +40,8 @@ def environments(draw: st.DrawFn) -> Environment:
         draw(st.booleans()),
     )  # fmt: skip
     truth = draw(st.none() | hnp.arrays(np.float64, shape, elements=NUMBERS))
-    expected = draw(st.none() | hnp.arrays(np.float64, shape, elements=FINITE))
+    maps = hnp.arrays(np.float64, shape, elements=FINITE)
+    expected = draw(st.none() | st.builds(Expectation, maps, maps))
     return Environment(draw(NAMES), draw(NAMES), grid, draw(NAMES), truth, expected)
 
 
@@ -123,7 +124,7 @@ def same_environment(found: Environment, wanted: Environment) -> None:
     first, second = asdict(found), asdict(wanted)
     for part in (first, second):
         part["valid"] = part["grid"].pop("valid")
-    maps = [(part.pop("truth"), part.pop("expected")) for part in (first, second)]
+    maps = [(part.pop("truth"), *(part.pop("expected") or {"": None, "-": None}).values()) for part in (first, second)]
     np.testing.assert_array_equal(first.pop("valid"), second.pop("valid"))
     assert first == second
     for one, other in zip(*maps, strict=True):
@@ -132,7 +133,16 @@ def same_environment(found: Environment, wanted: Environment) -> None:
             np.testing.assert_array_equal(one, other)
 
 
-def test_an_expectation_with_a_hole_is_refused() -> None:
-    place = Environment("field", "d", Grid(np.ones((1, 2), dtype=np.bool_)), expected=np.array([[1.0, np.nan]]))
+@pytest.mark.parametrize(("values", "deviation"), [([1.0, np.nan], [0.0, 0.0]), ([1.0, 2.0], [0.0, np.nan])])
+def test_an_expectation_with_a_hole_is_refused(values: list[float], deviation: list[float]) -> None:
+    expected = Expectation(np.array([values]), np.array([deviation]))
+    place = Environment("field", "d", Grid(np.ones((1, 2), dtype=np.bool_)), expected=expected)
     with pytest.raises(wire.WireError, match="a cell with data has no number"):
         wire.decode_environment(over_the_wire(wire.encode_environment(place)))
+
+
+def test_an_expectation_without_its_certainty_is_refused() -> None:
+    place = Environment("field", "d", Grid(np.ones((1, 2), dtype=np.bool_)))
+    message = over_the_wire(wire.encode_environment(place)) | {"expected": [[1.0, 2.0]]}
+    with pytest.raises(wire.WireError, match="expectedDeviation: is missing"):
+        wire.decode_environment(message)

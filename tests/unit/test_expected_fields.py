@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fleet.contexts.base import Expectation
 from fleet.functions.belief import Belief
 from fleet.functions.external_drift import slope
 from fleet.functions.extrapolation import Extrapolation, extrapolate
 from fleet.planning.stop import StopRule
 from fleet.planning.swarm import Swarm, scattered
 from fleet.planning.tactics import Tactics
-from fleet.runtime.remembering import found, kept_environment, stored_environment
+from fleet.runtime.remembering import filled, found, kept_environment, stored_environment
 from fleet.storage.local import LocalStorage
 from tests.planned_flights import PATHS, fly, prepared, put, settings_of, simulated, spec_of
 from tests.planning import ENERGY, Values, drawn, environment
@@ -26,6 +27,10 @@ def scene(seed: int, alike: float, share: float = 0.15) -> tuple[Values, Values,
     expected = alike * (truth - truth.mean()) + (1.0 - alike**2) ** 0.5 * (other - other.mean())
     captured = np.where(np.random.default_rng(seed).random(truth.shape) < share, truth, np.nan)
     return truth, expected, captured
+
+
+def certain(values: Values) -> Expectation:
+    return Expectation(values, np.zeros(values.shape))
 
 
 def error(truth: Values, map_: Values) -> float:
@@ -59,7 +64,7 @@ def test_an_expectation_that_is_nearly_right_makes_a_better_map(how: Extrapolati
     truth, expected, captured = scene(seed, alike=0.95)
     grid = environment(truth).grid
     plain = extrapolate(captured, grid, how).values
-    told = extrapolate(captured, grid, how, expected=1000.0 + 0.1 * expected).values
+    told = extrapolate(captured, grid, how, expected=certain(1000.0 + 0.1 * expected)).values
     assert error(truth, told) < 0.7 * error(truth, plain)
     seen = np.isfinite(captured)
     assert np.array_equal(told[seen], captured[seen])
@@ -69,12 +74,13 @@ def test_an_expectation_that_is_nearly_right_makes_a_better_map(how: Extrapolati
 def test_an_expectation_of_another_field_does_little_harm(seed: int) -> None:
     truth, expected, captured = scene(seed, alike=0.0)
     grid = environment(truth).grid
-    plain, told = (extrapolate(captured, grid, expected=each).values for each in (None, expected))
+    plain, told = (extrapolate(captured, grid, expected=each).values for each in (None, certain(expected)))
     assert error(truth, told) < 1.05 * error(truth, plain)
 
 
 def test_a_belief_that_expects_something_is_the_map_that_expects_it() -> None:
-    truth, expected, captured = scene(4, alike=0.9)
+    truth, values, captured = scene(4, alike=0.9)
+    expected = Expectation(values, np.random.default_rng(0).uniform(0.0, 5.0, truth.shape))
     place = replace(environment(truth), expected=expected)
     belief, cells = Belief.over(place), np.flatnonzero(np.isfinite(captured))
     belief.observe(cells, captured.flat[cells])
@@ -86,7 +92,7 @@ def test_a_belief_that_expects_something_is_the_map_that_expects_it() -> None:
 
 def test_a_belief_follows_captures_one_by_one_as_all_at_once() -> None:
     truth, expected, captured = scene(5, alike=0.9)
-    place = replace(environment(truth), expected=expected)
+    place = replace(environment(truth), expected=certain(expected))
     cells = np.flatnonzero(np.isfinite(captured))[:16]
     one, all_ = Belief.over(place), Belief.over(place)
     for cell in cells:  # the last fit is to all sixteen, or to fifteen of them
@@ -99,7 +105,7 @@ def test_a_belief_follows_captures_one_by_one_as_all_at_once() -> None:
 def test_a_place_without_expectations_is_believed_in_as_before() -> None:
     truth, _, captured = scene(6, alike=0.9)
     place, cells = environment(truth), np.flatnonzero(np.isfinite(captured))
-    plain, flat = Belief(place.grid), Belief(place.grid, expected=np.full(truth.shape, 7.0))
+    plain, flat = Belief(place.grid), Belief(place.grid, expected=certain(np.full(truth.shape, 7.0)))
     for belief in (plain, flat):
         belief.observe(cells, captured.flat[cells])
     assert np.array_equal(plain.prediction().values, flat.prediction().values)
@@ -137,7 +143,7 @@ def second_mission(storage: LocalStorage) -> None:
     put(storage, PATHS.plan(2), order.model_copy(update={"number": 2}))
 
 
-def expected_by(storage: LocalStorage) -> Values | None:
+def expected_by(storage: LocalStorage) -> Expectation | None:
     settings = settings_of(storage, "agent-1").at_mission(2)
     plain = replace(stored_environment(settings.at_mission(1)), expected=None)
     return kept_environment(settings, plain).expected
@@ -152,13 +158,15 @@ def test_a_mission_expects_the_map_that_the_last_one_left(tmp_path: Path) -> Non
     assert truth is not None
     captured = np.full(truth.shape, np.nan)
     captured.flat[flown.captured] = truth.flat[flown.captured]
-    wanted = extrapolate(captured, flown.grid).values
+    wanted = extrapolate(captured, flown.grid)
     expected = expected_by(storage)
     assert expected is not None
-    np.testing.assert_array_equal(expected[flown.grid.valid], wanted[flown.grid.valid])
+    np.testing.assert_array_equal(expected.values, wanted.values)
+    np.testing.assert_array_equal(expected.deviation, wanted.deviation)
+    assert (expected.deviation.flat[flown.captured] == 0.0).all()
     again = stored_environment(settings_of(storage, "agent-2").at_mission(2)).expected
     assert again is not None
-    np.testing.assert_array_equal(again, expected)
+    np.testing.assert_array_equal(again.values, expected.values)
 
 
 @pytest.mark.parametrize(
@@ -170,3 +178,23 @@ def test_some_missions_expect_nothing(tmp_path: Path, changes: dict[str, object]
     second_mission(storage)
     put(storage, PATHS.fleet_spec, spec_of(3, **changes))
     assert expected_by(storage) is None
+
+
+def test_cells_that_nobody_has_seen_are_expected_with_less_certainty() -> None:
+    truth, values, captured = scene(7, alike=0.97)
+    deviation = np.where(np.arange(truth.size).reshape(truth.shape) % 2, 8.0, 0.0)
+    map_ = extrapolate(captured, environment(truth).grid, expected=Expectation(values, deviation))
+    plain = extrapolate(captured, environment(truth).grid, expected=certain(values))
+    line = slope(captured[np.isfinite(captured)], values[np.isfinite(captured)])
+    free = ~np.isfinite(captured)
+    wanted = np.hypot(plain.deviation, line * deviation)
+    np.testing.assert_allclose(map_.deviation[free], wanted[free])
+    assert (map_.deviation[~free] == 0.0).all()
+    np.testing.assert_array_equal(map_.values, plain.values)
+
+
+def test_of_cells_that_had_no_data_the_mean_and_the_range_of_the_others_are_expected() -> None:
+    known = np.array([[True, True, False]])
+    found_there = filled(Expectation(np.array([[1.0, 3.0, np.nan]]), np.array([[0.0, 0.5, np.nan]])), known)
+    assert found_there.values.tolist() == [[1.0, 3.0, 2.0]]
+    assert found_there.deviation.tolist() == [[0.0, 0.5, 1.0]]
